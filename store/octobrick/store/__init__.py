@@ -1,0 +1,23 @@
+"""Volumes of compressed bricks on disk: ingest them, open them, read them.
+
+The names listed in ``__all__`` are the component's promise; everything else may change.
+"""
+
+from octobrick.store.box import Box, Zyx
+from octobrick.store.ingest import ingest
+from octobrick.store.level import Level
+from octobrick.store.progress import Progress
+from octobrick.store.report import IngestResult, LevelReport
+from octobrick.store.volume import Volume, open_volume
+
+__all__ = [
+    "Box",
+    "IngestResult",
+    "Level",
+    "LevelReport",
+    "Progress",
+    "Volume",
+    "Zyx",
+    "ingest",
+    "open_volume",
+]

@@ -1,0 +1,254 @@
+"""The ``octobrick`` attributes of a volume: built by ingest, checked word by word when read.
+
+docs/spec/volume-format.md says what each field means.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from octobrick.codec import S3dc
+from octobrick.codec.errors import OctobrickError
+from octobrick.store.box import Zyx, ceil_div
+from octobrick.store.errors import VolumeFormatError
+from octobrick.store.shard import DIGEST_NBYTES
+from octobrick.store.zarr_codec import (
+    S3DC_NAME,
+    SUPPORTED_DTYPES,
+    s3dc_configuration,
+    s3dc_from_configuration,
+)
+
+FORMAT_VERSION = 1
+BYTES_NAME = "bytes"
+REDUCER = "mean"
+
+# A reader allocates a brick and a shard index on the word of the metadata: these bound both.
+BRICK_MIN, BRICK_MAX = 8, 256
+SHARD_BRICKS_MAX = 64
+LEVELS_MAX = 32
+SIDE_MAX = 2**31 - 1
+
+Number = int | float
+Json = Any
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True)
+class LevelAttributes:
+    """What is known of one level beside its voxels; ``psnr_db`` is None where nothing was lost."""
+
+    shape_zyx: Zyx
+    stored_nbytes: int
+    max_error: Number
+    rmse: float
+    psnr_db: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class VolumeAttributes:
+    """Everything that a volume says of itself beyond OME-NGFF."""
+
+    dtype: str
+    brick: int
+    shard_bricks: int
+    codec: S3dc | None
+    nt: int
+    nc: int
+    spacing_zyx: tuple[float, float, float]
+    unit: str | None
+    levels: tuple[LevelAttributes, ...]
+    value_range: tuple[Number, Number]
+    window: tuple[Number, Number]
+    source: Mapping[str, Json]
+
+    def revision(self, manifest: Json) -> str:
+        """The digest of these attributes and the manifest of the shards: of all the content."""
+        return digest_of({"attributes": self.to_json(), "manifest": digest_of(manifest)})
+
+    def to_json(self) -> dict[str, Json]:
+        """The attributes, without the revision, as JSON-ready values."""
+        return {
+            "version": FORMAT_VERSION,
+            "dtype": self.dtype,
+            "brick": [self.brick] * 3,
+            "shard": [self.shard_bricks] * 3,
+            "codec": _codec_to_json(self.codec),
+            "timepoints": self.nt,
+            "channels": self.nc,
+            "spacing": list(self.spacing_zyx),
+            "unit": self.unit,
+            "reducer": REDUCER,
+            "levels": [
+                {
+                    "shape": list(level.shape_zyx),
+                    "stored_nbytes": level.stored_nbytes,
+                    "max_error": level.max_error,
+                    "rmse": level.rmse,
+                    "psnr_db": level.psnr_db,
+                }
+                for level in self.levels
+            ],
+            "value_range": list(self.value_range),
+            "window": list(self.window),
+            "source": dict(self.source),
+        }
+
+    @classmethod
+    def from_json(cls, fields: Json, where: str) -> VolumeAttributes:
+        """Read and check attributes.
+
+        Raises:
+            VolumeFormatError: naming the field that is missing or makes no sense.
+        """
+        checked = _Fields(fields, where)
+        checked.require_version()
+        brick, shard = checked.cube("brick"), checked.cube("shard")
+        if not (BRICK_MIN <= brick <= BRICK_MAX and brick % 2 == 0):
+            raise checked.wrong("brick", f"even, {BRICK_MIN} to {BRICK_MAX}")
+        if not 1 <= shard <= SHARD_BRICKS_MAX:
+            raise checked.wrong("shard", f"1 to {SHARD_BRICKS_MAX}")
+        dtype = checked.get("dtype", str)
+        if dtype not in SUPPORTED_DTYPES:
+            raise checked.wrong("dtype", f"one of {sorted(SUPPORTED_DTYPES)}")
+        if checked.get("reducer", str) != REDUCER:
+            raise checked.wrong("reducer", REDUCER)
+        z, y, x = checked.numbers("spacing", 3)
+        if not min(z, y, x) > 0:
+            raise checked.wrong("spacing", "positive")
+        return cls(
+            dtype=dtype,
+            brick=brick,
+            shard_bricks=shard,
+            codec=checked.codec(),
+            nt=checked.count("timepoints"),
+            nc=checked.count("channels"),
+            spacing_zyx=(z, y, x),
+            unit=checked.optional_text("unit"),
+            levels=checked.levels(),
+            value_range=cast("tuple[Number, Number]", tuple(checked.numbers("value_range", 2))),
+            window=cast("tuple[Number, Number]", tuple(checked.numbers("window", 2))),
+            source=checked.get("source", dict),
+        )
+
+
+def digest_of(document: Json) -> str:
+    """A digest of a JSON document that depends on its content only, not on its layout."""
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.blake2b(text.encode(), digest_size=DIGEST_NBYTES).hexdigest()
+
+
+def python_number(value: np.generic | Number) -> Number:
+    """A sample value as the int or float that JSON can hold."""
+    number = value.item() if isinstance(value, np.generic) else value
+    return cast("Number", number)
+
+
+def _codec_to_json(codec: S3dc | None) -> dict[str, Json]:
+    if codec is None:
+        return {"name": BYTES_NAME}
+    return {"name": S3DC_NAME, "configuration": s3dc_configuration(codec)}
+
+
+class _Fields:
+    """Typed access to untrusted attributes."""
+
+    def __init__(self, fields: Json, where: str) -> None:
+        self.where = where
+        if not isinstance(fields, dict):
+            raise VolumeFormatError(
+                f"{where}: no octobrick attributes; this is not a volume made by octobrick ingest"
+            )
+        self._fields = fields
+
+    def wrong(self, name: str, expected: str) -> VolumeFormatError:
+        return VolumeFormatError(
+            f"{self.where}: octobrick.{name} is {self._fields.get(name)!r:.80}, expected "
+            f"{expected}; ingest the volume again",
+            field=name,
+        )
+
+    def require_version(self) -> None:
+        if self._fields.get("version") != FORMAT_VERSION:
+            raise VolumeFormatError(
+                f"{self.where}: format version {self._fields.get('version')!r:.20} is not "
+                f"{FORMAT_VERSION}, the one that this octobrick reads; install another octobrick "
+                "or ingest the volume again"
+            )
+
+    def get(self, name: str, kind: type[_T]) -> _T:
+        value = self._fields.get(name)
+        if type(value) is not kind:
+            raise self.wrong(name, f"a JSON {kind.__name__}")
+        return value
+
+    def count(self, name: str) -> int:
+        value = self.get(name, int)
+        if not 1 <= value <= SIDE_MAX:
+            raise self.wrong(name, f"1 to {SIDE_MAX}")
+        return value
+
+    def optional_text(self, name: str) -> str | None:
+        return None if self._fields.get(name) is None else self.get(name, str)
+
+    def numbers(self, name: str, count: int) -> list[Number]:
+        value = self.get(name, list)
+        if len(value) != count or not all(_is_finite_number(n) for n in value):
+            raise self.wrong(name, f"{count} finite numbers")
+        return value
+
+    def cube(self, name: str) -> int:
+        value = self.get(name, list)
+        if len(value) != 3 or len(set(map(repr, value))) != 1 or type(value[0]) is not int:
+            raise self.wrong(name, "three equal integers")
+        return int(value[0])
+
+    def codec(self) -> S3dc | None:
+        value = self.get("codec", dict)
+        if value == {"name": BYTES_NAME}:
+            return None
+        try:
+            if value.get("name") == S3DC_NAME:
+                return s3dc_from_configuration(value.get("configuration"))
+        except OctobrickError as error:
+            raise VolumeFormatError(f"{self.where}: {error.message}", field="codec") from error
+        raise self.wrong("codec", f"{BYTES_NAME} or {S3DC_NAME}; a newer octobrick may know it")
+
+    def levels(self) -> tuple[LevelAttributes, ...]:
+        values = self.get("levels", list)
+        if not 1 <= len(values) <= LEVELS_MAX:
+            raise self.wrong("levels", f"1 to {LEVELS_MAX} of them")
+        levels = tuple(self._level(value) for value in values)
+        for finer, coarser in itertools.pairwise(levels):
+            if tuple(ceil_div(n, 2) for n in finer.shape_zyx) != coarser.shape_zyx:
+                raise self.wrong("levels", "each level half of the one before, rounded up")
+        return levels
+
+    def _level(self, value: Json) -> LevelAttributes:
+        match value:
+            case {
+                "shape": [int(z), int(y), int(x)],
+                "stored_nbytes": int(stored_nbytes),
+                "max_error": max_error,
+                "rmse": rmse,
+                "psnr_db": psnr_db,
+            } if (
+                all(1 <= n <= SIDE_MAX for n in (z, y, x))
+                and _is_finite_number(max_error)
+                and _is_finite_number(rmse)
+                and (psnr_db is None or _is_finite_number(psnr_db))
+            ):
+                return LevelAttributes((z, y, x), stored_nbytes, max_error, rmse, psnr_db)
+        raise self.wrong("levels", "shape, stored_nbytes, max_error, rmse and psnr_db of each")
+
+
+def _is_finite_number(value: Json) -> bool:
+    return type(value) in (int, float) and math.isfinite(value)

@@ -1,0 +1,158 @@
+"""Where an ingest writes: a folder beside the destination, renamed into place when complete.
+
+Until then nothing is visible under the destination's name. The folder is locked while an ingest
+runs, so two of them cannot write one volume; what a killed one left behind is cleared by the next.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from octobrick.store.errors import DestinationBusyError, DestinationError, DestinationExistsError
+
+PARTIAL_SUFFIX = ".partial"
+_REPLACED_SUFFIX = ".replaced"
+_LOCK_NAME = ".lock"
+
+
+def partial_path(dest: Path) -> Path:
+    """The folder in which a volume grows until it is complete."""
+    return dest.with_name(dest.name + PARTIAL_SUFFIX)
+
+
+@contextlib.contextmanager
+def staged(dest: Path, *, overwrite: bool) -> Iterator[Path]:
+    """An empty, locked folder that becomes ``dest`` when the block ends, and vanishes if it fails.
+
+    Raises:
+        DestinationExistsError: there is something at ``dest`` and ``overwrite`` is not set, or it
+            is not a volume.
+        DestinationBusyError: another ingest is writing this destination.
+        DestinationError: the system refuses to write (permissions, no space, read-only, …).
+    """
+    partial = partial_path(dest)
+    with _explained(dest):
+        _refuse_existing(dest, overwrite=overwrite)
+        partial.mkdir(parents=True, exist_ok=True)
+        lock = _lock(dest, partial)
+        try:
+            _clear(partial)
+            try:
+                yield partial
+                _sync_folders(partial)
+                _put_in_place(partial, dest, overwrite=overwrite)
+            except BaseException:
+                shutil.rmtree(partial, ignore_errors=True)
+                raise
+        finally:
+            os.close(lock)
+
+
+def _refuse_existing(dest: Path, *, overwrite: bool) -> None:
+    if not dest.exists() and not dest.is_symlink():
+        return
+    if not overwrite:
+        raise DestinationExistsError(
+            f"{dest}: already exists; choose another destination or allow it to be overwritten "
+            "(--overwrite)",
+            path=str(dest),
+        )
+    if not (dest / "zarr.json").is_file() or dest.is_symlink():
+        raise DestinationExistsError(
+            f"{dest}: exists and is no volume, so it is not overwritten; remove it yourself or "
+            "choose another destination",
+            path=str(dest),
+        )
+
+
+def _lock(dest: Path, partial: Path) -> int:
+    descriptor = os.open(partial / _LOCK_NAME, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise DestinationBusyError(
+            f"{dest}: another ingest is writing this destination ({partial} is locked); wait for "
+            "it or choose another destination",
+            path=str(dest),
+        ) from None
+    return descriptor
+
+
+def _clear(partial: Path) -> None:
+    for entry in partial.iterdir():
+        if entry.name == _LOCK_NAME:
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
+
+
+def _put_in_place(partial: Path, dest: Path, *, overwrite: bool) -> None:
+    (partial / _LOCK_NAME).unlink()
+    replaced = dest.with_name(dest.name + _REPLACED_SUFFIX)
+    if overwrite and dest.exists():
+        # A folder that is not empty cannot be replaced in one step; the old volume is out of
+        # sight for the moment between the two renames, and never lost before the new one stands.
+        shutil.rmtree(replaced, ignore_errors=True)
+        dest.rename(replaced)
+    try:
+        partial.rename(dest)
+    except OSError as error:
+        if replaced.exists() and not dest.exists():
+            replaced.rename(dest)
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR):
+            raise DestinationExistsError(
+                f"{dest}: something appeared there during the ingest; remove it and run the "
+                "ingest again",
+                path=str(dest),
+            ) from error
+        raise
+    _sync(dest.parent)
+    shutil.rmtree(replaced, ignore_errors=True)
+
+
+def _sync_folders(partial: Path) -> None:
+    for folder, _, _ in os.walk(partial):
+        _sync(Path(folder))
+
+
+def _sync(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _explained(dest: Path) -> Iterator[None]:
+    """Turn the system's refusal to write into an error that says what to do."""
+    try:
+        yield
+    except OSError as error:
+        advice = {
+            errno.ENOSPC: "free some space",
+            errno.EDQUOT: "free some of your quota",
+            errno.EACCES: "choose a folder that you may write to",
+            errno.EPERM: "choose a folder that you may write to",
+            errno.EROFS: "choose a file system that is not read-only",
+            errno.EFBIG: "choose smaller shards, or raise the limit on file size",
+            errno.ENOTDIR: "choose a destination whose parents are folders",
+        }.get(error.errno or 0)
+        if advice is None:
+            raise
+        raise DestinationError(
+            f"{dest}: cannot be written: {error.strerror or error}"
+            f"{f' ({error.filename})' if error.filename else ''}; {advice} and run the ingest "
+            "again. Nothing was left behind",
+            path=str(dest),
+            errno=error.errno,
+        ) from error

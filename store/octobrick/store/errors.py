@@ -1,0 +1,71 @@
+"""Errors of the store: what a source, a destination or a stored volume can get wrong."""
+
+from __future__ import annotations
+
+from octobrick.codec.errors import (
+    ConflictError,
+    CorruptDataError,
+    NotFoundError,
+    ResourceError,
+    UnsupportedError,
+)
+
+
+class SourceError(CorruptDataError):
+    """A source file is damaged, or its header does not describe its voxels."""
+
+    kind = "corrupt-source"
+
+
+class TruncatedSourceError(SourceError):
+    """A source file ends before its last voxel: copy or export it again."""
+
+    kind = "truncated-source"
+
+
+class SourceNotFoundError(NotFoundError):
+    """A source file, or the data file that its header names, does not exist."""
+
+    kind = "source-not-found"
+
+
+class UnsupportedSourceError(UnsupportedError):
+    """A source file is sound, but of a kind that is not read: convert it first."""
+
+    kind = "unsupported-source"
+
+
+class VolumeNotFoundError(NotFoundError):
+    """There is no volume at this path: check the path, or ingest one."""
+
+    kind = "volume-not-found"
+
+
+class VolumeFormatError(CorruptDataError):
+    """A volume's metadata or shard index is not what ingest wrote: restore or ingest again."""
+
+    kind = "corrupt-volume"
+
+
+class IncompleteVolumeError(ConflictError):
+    """An ingest into this path did not finish, or still runs: run it again, or wait."""
+
+    kind = "incomplete-volume"
+
+
+class DestinationExistsError(ConflictError):
+    """Something is already at the destination: choose another or allow it to be overwritten."""
+
+    kind = "destination-exists"
+
+
+class DestinationBusyError(ConflictError):
+    """Another ingest is writing this destination: wait for it or choose another."""
+
+    kind = "destination-busy"
+
+
+class DestinationError(ResourceError):
+    """The system refuses to write the destination (space, permissions): make room or choose."""
+
+    kind = "destination"

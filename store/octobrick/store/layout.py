@@ -1,0 +1,105 @@
+"""The Zarr hierarchy of a volume: groups, arrays and OME-NGFF metadata.
+
+zarr-python writes the metadata and the small arrays (ranges, fidelity); the bricks themselves go
+into shards by our own writer, which needs no whole shard in memory.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from zarr.codecs import BytesCodec, ZstdCodec
+
+from octobrick.codec import S3dc
+from octobrick.store.attributes import VolumeAttributes
+from octobrick.store.box import Zyx
+from octobrick.store.zarr_codec import S3dcZarrCodec
+
+MANIFEST_NAME = "manifest.json"
+METADATA_NBYTES_MAX = 64 * 2**20  # a manifest of half a million shards; more is not ours
+_AXES = ("t", "c", "z", "y", "x")
+_SMALL_CHUNK = 64  # bricks per axis in a chunk of ranges or fidelity: at most 2 MiB of float32
+
+
+def level_array(
+    root: zarr.Group,
+    path: str,
+    shape_zyx: Zyx,
+    dtype: np.dtype[np.generic],
+    *,
+    codec: S3dc | None,
+    brick: int,
+    shard_bricks: int,
+    zstd_level: int,
+) -> None:
+    """Create the (still empty) array of one level."""
+    root.create_array(
+        path,
+        shape=(1, 1, *shape_zyx),
+        dtype=dtype,
+        chunks=(1, 1, *(brick,) * 3),
+        shards=(1, 1, *(brick * shard_bricks,) * 3),
+        serializer=(
+            BytesCodec(endian=None if dtype.itemsize == 1 else "little")
+            if codec is None
+            else S3dcZarrCodec(block=codec.block, bits=codec.bits)
+        ),
+        compressors=ZstdCodec(level=zstd_level, checksum=True),
+        fill_value=0,
+        dimension_names=_AXES,
+    )
+
+
+def small_array(root: zarr.Group, path: str, values: NDArray[np.generic]) -> None:
+    """Write what is known per brick, (nz, ny, nx, 2), as an array (t, c, nz, ny, nx, 2)."""
+    nz, ny, nx, _ = values.shape
+    array = root.create_array(
+        path,
+        shape=(1, 1, *values.shape),
+        dtype=values.dtype,
+        chunks=(1, 1, *(min(n, _SMALL_CHUNK) for n in (nz, ny, nx)), 2),
+        compressors=ZstdCodec(level=3, checksum=True),
+        fill_value=0,
+        dimension_names=(*_AXES, None),
+    )
+    array[0, 0] = values
+
+
+def ome_attributes(name: str, attributes: VolumeAttributes) -> dict[str, Any]:
+    """OME-NGFF 0.5 multiscales: a level's voxels are means, so each is shifted by half a voxel."""
+    datasets = []
+    for level in range(len(attributes.levels)):
+        factor = 2**level
+        scale = [s * factor for s in attributes.spacing_zyx]
+        translation = [s * (factor - 1) / 2 for s in attributes.spacing_zyx]
+        datasets.append(
+            {
+                "path": str(level),
+                "coordinateTransformations": [
+                    {"type": "scale", "scale": [1.0, 1.0, *scale]},
+                    {"type": "translation", "translation": [0.0, 0.0, *translation]},
+                ],
+            }
+        )
+    space = {"type": "space"} | ({"unit": attributes.unit} if attributes.unit else {})
+    axes = [{"name": "t", "type": "time"}, {"name": "c", "type": "channel"}]
+    axes += [{"name": axis} | space for axis in "zyx"]
+    return {"version": "0.5", "multiscales": [{"name": name, "axes": axes, "datasets": datasets}]}
+
+
+def write_root(
+    root: zarr.Group, name: str, attributes: VolumeAttributes, manifest: Mapping[str, Any]
+) -> str:
+    """Write manifest and attributes, the last files of a volume; returns the revision."""
+    revision = attributes.revision(manifest)
+    octobrick = {"revision": revision, **attributes.to_json()}
+    folder = Path(str(root.store.root))  # type: ignore[attr-defined]
+    (folder / MANIFEST_NAME).write_text(json.dumps(manifest, indent=1, sort_keys=True) + "\n")
+    root.update_attributes({"ome": ome_attributes(name, attributes), "octobrick": octobrick})
+    return revision

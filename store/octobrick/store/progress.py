@@ -1,0 +1,74 @@
+"""How far an ingest is, how fast it goes and how much memory it takes."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """A moment of an ingest; ``eta_seconds`` is None until a rate is known."""
+
+    phase: str
+    done_voxels: int
+    total_voxels: int
+    elapsed_seconds: float
+    voxels_per_second: float
+    eta_seconds: float | None
+    rss_nbytes: int
+
+
+ProgressCallback = Callable[[Progress], None]
+
+
+class ProgressMeter:
+    """Counts source voxels and reports them to a callback."""
+
+    def __init__(self, total_voxels: int, callback: ProgressCallback | None) -> None:
+        self._total_voxels = total_voxels
+        self._callback = callback
+        self._done_voxels = 0
+        self._start_seconds = time.monotonic()
+
+    @property
+    def elapsed_seconds(self) -> float:
+        """Since the meter was made."""
+        return time.monotonic() - self._start_seconds
+
+    def advance(self, nvoxels: int, phase: str) -> None:
+        """Note that so many source voxels more are stored, and tell the callback."""
+        self._done_voxels += nvoxels
+        if self._callback is None:
+            return
+        elapsed = self.elapsed_seconds
+        rate = self._done_voxels / elapsed if elapsed > 0 else 0.0
+        eta = (self._total_voxels - self._done_voxels) / rate if rate > 0 else None
+        self._callback(
+            Progress(
+                phase=phase,
+                done_voxels=self._done_voxels,
+                total_voxels=self._total_voxels,
+                elapsed_seconds=elapsed,
+                voxels_per_second=rate,
+                eta_seconds=eta,
+                rss_nbytes=rss_nbytes(),
+            )
+        )
+
+
+def rss_nbytes() -> int:
+    """Resident memory of this process now; 0 where the system does not tell."""
+    try:
+        resident_pages = int(Path("/proc/self/statm").read_text().split()[1])
+    except (OSError, ValueError, IndexError):
+        return 0
+    return resident_pages * resource.getpagesize()
+
+
+def peak_rss_nbytes() -> int:
+    """The most resident memory that this process has had."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,0 +1,47 @@
+"""What an ingest did, for people and programs."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from octobrick.store.attributes import Number
+from octobrick.store.box import Zyx
+
+
+@dataclass(frozen=True, slots=True)
+class LevelReport:
+    """One level as it was stored.
+
+    ``ratio`` is uncompressed bytes over bytes on disk. ``psnr_db`` (peak: the level's largest
+    minus its smallest voxel) and ``max_error`` compare decoded voxels with that level's; None and
+    0 where nothing was lost.
+    """
+
+    index: int
+    shape_zyx: Zyx
+    nbytes: int
+    stored_nbytes: int
+    ratio: float | None
+    psnr_db: float | None
+    max_error: Number
+
+
+@dataclass(frozen=True, slots=True)
+class IngestResult:
+    """The outcome of an ingest; rates count source voxels, uncompressed."""
+
+    path: str
+    revision: str
+    source_format: str
+    dtype: str
+    shape_zyx: Zyx
+    levels: tuple[LevelReport, ...]
+    warnings: tuple[str, ...]
+    elapsed_seconds: float
+    megabytes_per_second: float
+    peak_rss_nbytes: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as JSON-ready values."""
+        return asdict(self)

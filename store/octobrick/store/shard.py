@@ -1,0 +1,228 @@
+"""Shard files: many bricks and an index of them, in the layout of Zarr's sharding codec.
+
+::
+
+    brick frames, in the order they were appended, without gaps
+    index: per brick slot two little-endian uint64, offset and nbytes; both 2^64 - 1 if absent
+    crc32c of the index, little-endian uint32
+
+Slots run z slowest, x fastest. The index stands at the end, so a shard is written front to back
+with nothing but the index kept in memory.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import BinaryIO
+
+import google_crc32c
+import numpy as np
+from numpy.typing import NDArray
+
+from octobrick.codec.errors import CorruptBrickError
+from octobrick.store.box import Zyx
+from octobrick.store.errors import VolumeFormatError
+
+ABSENT = 2**64 - 1
+DIGEST_NBYTES = 16  # blake2b; names content, and is no defence against a forger
+_CRC_NBYTES = 4
+_SLOT_NBYTES = 16
+_OPEN_SHARDS_MAX = 128  # file descriptors and indexes a reader keeps; well under ulimit -n of 1024
+
+
+class ShardWriter:
+    """Writes one shard under a temporary name and puts it in place when finished.
+
+    The file is open only while something is appended, so any number of shards can be under way.
+    Not thread-safe: the bytes depend on the order of the calls, which is the caller's to fix.
+    """
+
+    def __init__(self, path: Path, nslots: int) -> None:
+        self.path = path
+        self._part = path.with_name(path.name + ".part")
+        self._index = np.full((nslots, 2), ABSENT, dtype="<u8")
+        self._digest = hashlib.blake2b(digest_size=DIGEST_NBYTES)
+        self._nbytes = 0
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._part.unlink(missing_ok=True)
+
+    def append(self, slot: int, frame: bytes) -> None:
+        """Add the frame of the brick in this slot."""
+        self._index[slot] = (self._nbytes, len(frame))
+        with self._part.open("ab") as file:
+            self._write(file, frame)
+
+    def finish(self) -> tuple[int, str]:
+        """Write the index, make the file durable and visible; returns (nbytes, digest)."""
+        index = self._index.tobytes()
+        crc = google_crc32c.value(index).to_bytes(_CRC_NBYTES, "little")
+        with self._part.open("ab") as file:
+            self._write(file, index + crc)
+            file.flush()
+            os.fsync(file.fileno())
+        self._part.replace(self.path)
+        return self._nbytes, self._digest.hexdigest()
+
+    def _write(self, file: BinaryIO, data: bytes) -> None:
+        file.write(data)
+        self._digest.update(data)
+        self._nbytes += len(data)
+
+
+class ShardReader:
+    """Reads stored bricks from one shard file; the index is parsed and checked once.
+
+    Safe to use from several threads. Keeps the file open, so a shard that is replaced on disk
+    goes on giving the bytes that it had.
+
+    Raises:
+        VolumeFormatError: the index is cut short, damaged, or points outside the file.
+    """
+
+    def __init__(self, path: Path, nslots: int) -> None:
+        self.path = path
+        self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            self._index = self._read_index(nslots)
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self, slot: int) -> bytes | None:
+        """The frame in a slot as stored, or None where the brick is absent.
+
+        Raises:
+            CorruptBrickError: the file ends inside the brick.
+        """
+        offset, nbytes = (int(n) for n in self._index[slot])
+        if offset == ABSENT:
+            return None
+        frame = os.pread(self._descriptor, nbytes, offset)
+        if len(frame) != nbytes:
+            raise CorruptBrickError(
+                f"{self.path}: the file ends inside a brick: {len(frame)} of {nbytes} bytes at "
+                f"offset {offset}",
+                path=str(self.path),
+                expected_nbytes=nbytes,
+                actual_nbytes=len(frame),
+            )
+        return frame
+
+    def close(self) -> None:
+        """Release the file; reading afterwards is an error."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def __del__(self) -> None:
+        # A reader that another thread dropped from the cache closes when its last user is done.
+        self.close()
+
+    def _read_index(self, nslots: int) -> NDArray[np.uint64]:
+        tail_nbytes = nslots * _SLOT_NBYTES + _CRC_NBYTES
+        file_nbytes = os.fstat(self._descriptor).st_size
+        if file_nbytes < tail_nbytes:
+            raise self._damaged(
+                f"{file_nbytes} bytes are too few for an index of {nslots} bricks "
+                f"({tail_nbytes} bytes)"
+            )
+        tail = os.pread(self._descriptor, tail_nbytes, file_nbytes - tail_nbytes)
+        stored = int.from_bytes(tail[-_CRC_NBYTES:], "little")
+        computed = google_crc32c.value(tail[:-_CRC_NBYTES])
+        if stored != computed:
+            raise self._damaged(
+                f"checksum mismatch: the index stores {stored:08x}, its bytes give {computed:08x}"
+            )
+        index = np.frombuffer(tail, dtype="<u8", count=2 * nslots).reshape(nslots, 2)
+        offset, nbytes = index[index[:, 0] != ABSENT].T
+        data_nbytes = np.uint64(file_nbytes - tail_nbytes)
+        if bool(np.any((offset > data_nbytes) | (nbytes > data_nbytes - offset))):
+            raise self._damaged(f"a brick lies outside the {data_nbytes} bytes of brick data")
+        return index
+
+    def _damaged(self, what: str) -> VolumeFormatError:
+        return VolumeFormatError(
+            f"{self.path}: damaged shard index: {what}; restore the file or ingest again",
+            path=str(self.path),
+        )
+
+
+class ShardCache:
+    """The shards of one level, opened on demand, the least recently used closed first.
+
+    Safe to use from several threads.
+
+    Args:
+        folder: the level's array.
+        shard_bricks_zyx: bricks per shard along each axis.
+        shard_nbytes: the size of every shard that was written, by its key. A shard that is not
+            listed holds absent bricks only; one that is listed must be there, whole.
+    """
+
+    def __init__(
+        self, folder: Path, shard_bricks_zyx: Zyx, shard_nbytes: Mapping[str, int]
+    ) -> None:
+        self._folder = folder
+        self._shard_bricks_zyx = shard_bricks_zyx
+        self._shard_nbytes = shard_nbytes
+        self._lock = threading.Lock()
+        self._open: OrderedDict[str, ShardReader | None] = OrderedDict()
+
+    def read(self, brick_zyx: Zyx, t: int, c: int) -> bytes | None:
+        """The stored frame of a brick, or None where it is absent."""
+        reader = self._reader(shard_key(brick_zyx, self._shard_bricks_zyx, t, c))
+        return None if reader is None else reader.read(slot_of(brick_zyx, self._shard_bricks_zyx))
+
+    def path_of(self, brick_zyx: Zyx, t: int, c: int) -> Path:
+        """The file that holds, or would hold, a brick."""
+        return self._folder / shard_key(brick_zyx, self._shard_bricks_zyx, t, c)
+
+    def close(self) -> None:
+        """Let go of all files."""
+        with self._lock:
+            self._open.clear()
+
+    def _reader(self, key: str) -> ShardReader | None:
+        with self._lock:
+            if key in self._open:
+                self._open.move_to_end(key)
+                return self._open[key]
+            reader = self._open_shard(key) if key in self._shard_nbytes else None
+            self._open[key] = reader
+            if len(self._open) > _OPEN_SHARDS_MAX:
+                self._open.popitem(last=False)
+            return reader
+
+    def _open_shard(self, key: str) -> ShardReader:
+        path, (nz, ny, nx) = self._folder / key, self._shard_bricks_zyx
+        try:
+            actual_nbytes = path.stat().st_size
+            if actual_nbytes == self._shard_nbytes[key]:
+                return ShardReader(path, nz * ny * nx)
+            state = f"has {actual_nbytes} bytes"
+        except FileNotFoundError:
+            state = "is missing"
+        raise VolumeFormatError(
+            f"{path}: the shard {state}, the manifest says {self._shard_nbytes[key]} bytes; "
+            "restore the file or ingest again",
+            path=str(path),
+            expected_nbytes=self._shard_nbytes[key],
+        )
+
+
+def shard_key(brick_zyx: Zyx, shard_bricks_zyx: Zyx, t: int, c: int) -> str:
+    """The path of a brick's shard below its level, in Zarr's default chunk key encoding."""
+    z, y, x = (i // n for i, n in zip(brick_zyx, shard_bricks_zyx, strict=True))
+    return f"c/{t}/{c}/{z}/{y}/{x}"
+
+
+def slot_of(brick_zyx: Zyx, shard_bricks_zyx: Zyx) -> int:
+    """A brick's place in the index of its shard, z slowest, x fastest."""
+    z, y, x = (i % n for i, n in zip(brick_zyx, shard_bricks_zyx, strict=True))
+    _, ny, nx = shard_bricks_zyx
+    return (z * ny + y) * nx + x

@@ -1,0 +1,369 @@
+"""A volume on disk, opened for reading: metadata, single bricks, regions."""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from octobrick.codec import S3dc
+from octobrick.codec.errors import CorruptBrickError, InvalidInputError
+from octobrick.store import frame as zstd_frame
+from octobrick.store.attributes import Number, VolumeAttributes
+from octobrick.store.box import Box, Zyx, cell_box, cells_touching, grid_of
+from octobrick.store.destination import partial_path
+from octobrick.store.errors import (
+    IncompleteVolumeError,
+    VolumeFormatError,
+    VolumeNotFoundError,
+)
+from octobrick.store.layout import MANIFEST_NAME, METADATA_NBYTES_MAX
+from octobrick.store.level import Level, Xyz
+from octobrick.store.shard import ShardCache
+
+Voxels = NDArray[np.generic]
+
+
+def open_volume(path: str | os.PathLike[str]) -> Volume:
+    """Open a volume that ``ingest`` wrote.
+
+    Raises:
+        VolumeNotFoundError: there is nothing at the path.
+        IncompleteVolumeError: an ingest into the path did not finish, or still runs.
+        VolumeFormatError: what is there is no volume, or its metadata is damaged.
+    """
+    return Volume(Path(path))
+
+
+class Volume:
+    """A volume, its levels and bricks. Safe to use from several threads.
+
+    Reading goes straight to the shards: an index is parsed once and kept, a brick is one read.
+    The files are expected not to change; a volume that is replaced on disk must be opened anew.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.name = path.name.removesuffix(".zarr")
+        root = _read_json(path / "zarr.json", path)
+        where = str(path / "zarr.json")
+        fields = root.get("attributes", {}).get("octobrick") if isinstance(root, dict) else None
+        self._attributes = VolumeAttributes.from_json(fields, where)
+        manifest = _read_json(path / MANIFEST_NAME, path)
+        expected = self._attributes.revision(manifest)
+        self.revision: str = fields["revision"] if isinstance(fields, dict) else ""
+        if self.revision != expected:
+            raise VolumeFormatError(
+                f"{where}: revision {self.revision!r:.60} does not match attributes and manifest, "
+                f"which give {expected}; restore the files or ingest the volume again",
+                path=str(path),
+            )
+        self.levels = tuple(self._make_level(i) for i in range(len(self._attributes.levels)))
+        self._shards = [self._make_cache(i, manifest) for i in range(len(self.levels))]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return (
+            f"<Volume {self.name!r}: {self.dtype} {self.levels[0].shape_zyx} (z, y, x), "
+            f"{len(self.levels)} levels, {self.codec or 'lossless'}>"
+        )
+
+    def close(self) -> None:
+        """Let go of all files."""
+        for cache in self._shards:
+            cache.close()
+
+    # What the volume is
+
+    @cached_property
+    def dtype(self) -> np.dtype[np.generic]:
+        """Sample type."""
+        return np.dtype(self._attributes.dtype)
+
+    @property
+    def codec(self) -> S3dc | None:
+        """The fixed-layout code of the bricks; None where voxels are stored exactly."""
+        return self._attributes.codec
+
+    @property
+    def brick_shape_zyx(self) -> Zyx:
+        """Voxels per brick."""
+        return (self._attributes.brick,) * 3
+
+    @property
+    def nt(self) -> int:
+        """Time steps."""
+        return self._attributes.nt
+
+    @property
+    def nc(self) -> int:
+        """Channels."""
+        return self._attributes.nc
+
+    @property
+    def unit(self) -> str | None:
+        """World unit by its UDUNITS name, such as millimeter; None where unknown."""
+        return self._attributes.unit
+
+    @property
+    def value_range(self) -> tuple[Number, Number]:
+        """Smallest and largest voxel of the original."""
+        return self._attributes.value_range
+
+    @property
+    def window(self) -> tuple[Number, Number]:
+        """The values worth showing by default."""
+        return self._attributes.window
+
+    @property
+    def fill_value(self) -> int:
+        """The value of every voxel of an absent brick."""
+        return 0
+
+    def level(self, index: int) -> Level:
+        """One level.
+
+        Raises:
+            InvalidInputError: there is no such level.
+        """
+        if not 0 <= index < len(self.levels):
+            raise InvalidInputError(
+                f"{self.name}: level {index} does not exist, there are 0 to {len(self.levels) - 1}",
+                level=index,
+                levels=len(self.levels),
+            )
+        return self.levels[index]
+
+    def metadata(self) -> dict[str, Any]:
+        """All that the volume says of itself, as JSON-ready values."""
+        fields = self._attributes.to_json()
+        for key, level in zip(fields["levels"], self.levels, strict=True):
+            key |= {
+                "grid": list(level.grid_zyx),
+                "spacing": list(reversed(level.spacing_xyz)),
+                "translation": list(reversed(level.origin_xyz)),
+                "nbytes": level.nbytes,
+            }
+        return {"name": self.name, "revision": self.revision, **fields}
+
+    # Bricks
+
+    def stored_brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        """A brick's bytes exactly as on disk, one zstd frame; None where the brick is absent.
+
+        Raises:
+            InvalidInputError: no such level or brick.
+            VolumeFormatError: the shard is missing or its index is damaged.
+            CorruptBrickError: the shard ends inside the brick.
+        """
+        self._require_brick(level, zyx, t, c)
+        return self._shards[level].read(zyx, t, c)
+
+    def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        """A brick without the entropy layer, as a GPU takes it; None where the brick is absent.
+
+        S3Dc code, or the raw little-endian voxels of a lossless volume; the checksum is checked.
+
+        Raises:
+            CorruptBrickError: naming the file, the brick and both checksums.
+            InvalidInputError: no such level or brick.
+        """
+        stored = self.stored_brick(level, zyx, t, c)
+        if stored is None:
+            return None
+        try:
+            return zstd_frame.decompress(stored, self.code_nbytes)
+        except CorruptBrickError as error:
+            raise self._located(error, level, zyx, t, c) from error
+
+    def brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> Voxels:
+        """The decoded voxels of a brick, always of the full brick shape.
+
+        Where the brick reaches beyond the level, the last voxels are repeated, as stored.
+
+        Raises:
+            CorruptBrickError: naming the file and the brick.
+            InvalidInputError: no such level or brick.
+        """
+        code = self.brick_code(level, zyx, t, c)
+        if code is None:
+            return np.full(self.brick_shape_zyx, self.fill_value, self.dtype)
+        if self.codec is None:
+            voxels = np.frombuffer(code, self.dtype.newbyteorder("<"))
+            return voxels.reshape(self.brick_shape_zyx).astype(self.dtype)
+        try:
+            return self.codec.decode(code, self.brick_shape_zyx, self.dtype)
+        except CorruptBrickError as error:
+            raise self._located(error, level, zyx, t, c) from error
+
+    def read(self, level: int, box: Box | None = None, t: int = 0, c: int = 0) -> Voxels:
+        """The decoded voxels of a box of a level, by default of all of it.
+
+        Raises:
+            InvalidInputError: the box is empty or leaves the level.
+            CorruptBrickError: naming the file and the brick.
+        """
+        shape_zyx = self.level(level).shape_zyx
+        box = box or Box.of_shape(shape_zyx)
+        box.require_within(shape_zyx, f"{self.name} level {level}")
+        out = np.empty(box.shape_zyx, self.dtype)
+        z, y, x = box.start_zyx
+        for brick_zyx in cells_touching(box, self.brick_shape_zyx):
+            brick_box = cell_box(brick_zyx, self.brick_shape_zyx)
+            wanted = brick_box.intersect(box)
+            bz, by, bx = brick_box.start_zyx
+            brick = self.brick(level, brick_zyx, t, c)
+            out[wanted.shift((-z, -y, -x)).slices] = brick[wanted.shift((-bz, -by, -bx)).slices]
+        return out
+
+    @cached_property
+    def code_nbytes(self) -> int:
+        """Bytes of a brick's code, the same for every brick."""
+        if self.codec is None:
+            return int(np.prod(self.brick_shape_zyx)) * self.dtype.itemsize
+        return self.codec.encoded_nbytes(self.brick_shape_zyx, self.dtype)
+
+    # What is known per brick
+
+    def ranges(self, level: int, t: int = 0, c: int = 0) -> Voxels:
+        """Minimum and maximum of each brick of originals, one voxel wider than the brick.
+
+        Returns:
+            (nz, ny, nx, 2) in the sample type.
+        """
+        return self._small_array("range", level, t, c)
+
+    def fidelity(self, level: int, t: int = 0, c: int = 0) -> NDArray[np.float32]:
+        """Largest absolute error and RMSE of each brick, decoded against that level.
+
+        Returns:
+            (nz, ny, nx, 2) float32; the largest error is rounded up, never down.
+        """
+        return self._small_array("fidelity", level, t, c).astype(np.float32, copy=False)
+
+    def _small_array(self, kind: str, level: int, t: int, c: int) -> Voxels:
+        expected = (self.nt, self.nc, *self.level(level).grid_zyx, 2)
+        path = self.path / kind / str(level)
+        try:
+            array = zarr.open_array(path, mode="r")
+            if array.shape != expected:
+                raise VolumeFormatError(
+                    f"{path}: shape {array.shape} should be {expected}; ingest the volume again"
+                )
+            return np.asarray(array[t, c])
+        except VolumeFormatError:
+            raise
+        except Exception as error:  # zarr and numcodecs raise what they please on damaged files
+            raise VolumeFormatError(
+                f"{path}: cannot be read ({error}); restore the files or ingest the volume again",
+                path=str(path),
+            ) from error
+
+    # Inside
+
+    def _make_level(self, index: int) -> Level:
+        attributes, stored = self._attributes, self._attributes.levels[index]
+        factor = 2**index
+        z, y, x = attributes.spacing_zyx
+        spacing_xyz: Xyz = (x * factor, y * factor, z * factor)
+        nz, ny, nx = stored.shape_zyx
+        return Level(
+            index=index,
+            shape_zyx=stored.shape_zyx,
+            grid_zyx=grid_of(stored.shape_zyx, self.brick_shape_zyx),
+            spacing_xyz=spacing_xyz,
+            origin_xyz=(x * (factor - 1) / 2, y * (factor - 1) / 2, z * (factor - 1) / 2),
+            nbytes=nz * ny * nx * self.dtype.itemsize,
+            stored_nbytes=stored.stored_nbytes,
+            max_error=stored.max_error,
+            rmse=stored.rmse,
+            psnr_db=stored.psnr_db,
+        )
+
+    def _make_cache(self, level: int, manifest: Any) -> ShardCache:
+        prefix = f"{level}/"
+        try:
+            shard_nbytes = {
+                path.removeprefix(prefix): int(entry["nbytes"])
+                for path, entry in manifest["shards"].items()
+                if path.startswith(prefix)
+            }
+        except (AttributeError, KeyError, TypeError, ValueError):
+            raise VolumeFormatError(
+                f"{self.path / MANIFEST_NAME}: not a manifest of shards; restore the file or "
+                "ingest the volume again",
+                path=str(self.path),
+            ) from None
+        shard_zyx = (self._attributes.shard_bricks,) * 3
+        return ShardCache(self.path / str(level), shard_zyx, shard_nbytes)
+
+    def _require_brick(self, level: int, zyx: Zyx, t: int, c: int) -> None:
+        grid_zyx = self.level(level).grid_zyx
+        inside = all(0 <= i < n for i, n in zip(zyx, grid_zyx, strict=True))
+        if not (inside and 0 <= t < self.nt and 0 <= c < self.nc):
+            raise InvalidInputError(
+                f"{self.name}: level {level} has no brick (t, c, z, y, x) = {(t, c, *zyx)}; it has "
+                f"{self.nt} time steps, {self.nc} channels and {grid_zyx} bricks (z, y, x)",
+                level=level,
+                brick=[t, c, *zyx],
+                grid=[self.nt, self.nc, *grid_zyx],
+            )
+
+    def _located(
+        self, error: CorruptBrickError, level: int, zyx: Zyx, t: int, c: int
+    ) -> CorruptBrickError:
+        path = self._shards[level].path_of(zyx, t, c)
+        facts = error.facts | {"path": str(path), "level": level, "brick": [t, c, *zyx]}
+        return CorruptBrickError(
+            f"{path}: brick (t, c, z, y, x) = {(t, c, *zyx)} of level {level} is damaged: "
+            f"{error.message}; restore the file or ingest the volume again",
+            **facts,
+        )
+
+
+def _read_json(file: Path, volume: Path) -> Any:
+    try:
+        if file.stat().st_size > METADATA_NBYTES_MAX:
+            raise VolumeFormatError(
+                f"{file}: {file.stat().st_size} bytes of metadata, at most "
+                f"{METADATA_NBYTES_MAX} are read",
+                path=str(volume),
+            )
+        return json.loads(file.read_bytes())
+    except (FileNotFoundError, NotADirectoryError):
+        raise _explain_absence(file, volume) from None
+    except (ValueError, RecursionError) as error:
+        raise VolumeFormatError(
+            f"{file}: not valid JSON ({error}); restore the file or ingest the volume again",
+            path=str(volume),
+        ) from error
+
+
+def _explain_absence(file: Path, volume: Path) -> Exception:
+    if partial_path(volume).is_dir() and not volume.exists():
+        return IncompleteVolumeError(
+            f"{volume}: incomplete, an ingest into it did not finish or still runs; wait for it, "
+            "or run it again",
+            path=str(volume),
+        )
+    if not volume.exists():
+        return VolumeNotFoundError(
+            f"{volume}: no such volume; check the path, or make one with `octobrick ingest`",
+            path=str(volume),
+        )
+    return VolumeFormatError(
+        f"{volume}: {file.name} is missing, so this is no volume of octobrick; make one with "
+        "`octobrick ingest`",
+        path=str(volume),
+    )
