@@ -1,0 +1,99 @@
+"""Volumes in other people's formats, behind one small class: `open_source` and `Source`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy.typing as npt
+
+from octobrick.codec.errors import InvalidInputError
+from octobrick.store.errors import UnsupportedSourceError
+from octobrick.store.sources.base import Description, Rescale, Source
+from octobrick.store.sources.described import (
+    RawOptions,
+    complete,
+    open_described,
+    require_spacing,
+)
+from octobrick.store.sources.formats import (
+    FORMATS,
+    HEAD_NBYTES,
+    Format,
+    foreign_name,
+    is_raw_name,
+    recognise,
+)
+from octobrick.store.sources.head import read_head, read_head_inflated
+
+__all__ = ["Description", "Rescale", "Source", "open_source"]
+
+
+def open_source(
+    path: str | os.PathLike[str],
+    *,
+    shape_zyx: Sequence[int] | None = None,
+    dtype: npt.DTypeLike | None = None,
+    spacing_zyx: Sequence[float] | None = None,
+    offset_nbytes: int = 0,
+    big_endian: bool = False,
+) -> Source:
+    """A file of any format that is read, open; close it, or use it as a context manager.
+
+    Args:
+        path: the file; of a header with a data file of its own, the header.
+        shape_zyx: voxels of a raw file along z, y and x.
+        dtype: sample type of a raw file.
+        spacing_zyx: distance of voxels; takes the place of what the header says.
+        offset_nbytes: where the voxels of a raw file begin (after decompression).
+        big_endian: whether a raw file has its most significant bytes first.
+
+    Raises:
+        SourceNotFoundError: the file, or the data file it names, does not exist.
+        UnsupportedSourceError: a format, sample type or number of axes that is not read.
+        SourceError: the file is damaged; `TruncatedSourceError` if it ends too early.
+        InvalidInputError: a raw file is not described, or a file that describes itself is.
+        ResourceError: the file cannot be opened, or a package is missing.
+    """
+    path = Path(path)
+    options = RawOptions(shape_zyx, dtype, spacing_zyx, offset_nbytes, big_endian)
+    is_gz = path.suffix.lower() == ".gz"
+    head = (read_head_inflated if is_gz else read_head)(path, HEAD_NBYTES)
+    known = recognise(path, head)
+    if known is not None:
+        return _open_known(known, path, options)
+    options = complete(path, options)
+    foreign = foreign_name(head)
+    if options.is_complete or (foreign is None and is_raw_name(path)):
+        return open_described(path, options)
+    raise _unknown(path, foreign)
+
+
+def _open_known(known: Format, path: Path, options: RawOptions) -> Source:
+    """Open a file that describes itself, of which a caller may only correct the spacing."""
+    if given := options.given():
+        raise InvalidInputError(
+            f"{path}: is {known.name} and describes itself; leave out {', '.join(given)}",
+            path=str(path),
+            format=known.name,
+            options=given,
+        )
+    spacing_zyx = require_spacing(options.spacing_zyx, path)
+    source = known.open(path)
+    if options.spacing_zyx is not None:
+        source.spacing_zyx = spacing_zyx
+    return source
+
+
+def _unknown(path: Path, foreign: str | None) -> UnsupportedSourceError:
+    formats = ", ".join(f"{known.name} ({' '.join(known.suffixes)})" for known in FORMATS)
+    looks = (
+        f"looks like {foreign}, which is not read" if foreign else "is of no format that is read"
+    )
+    return UnsupportedSourceError(
+        f"{path}: {looks}; those read are {formats} and raw voxels "
+        "(described by --shape Z,Y,X --dtype uint16); convert it to one of these",
+        path=str(path),
+        looks_like=foreign,
+    )

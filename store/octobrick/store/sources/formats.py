@@ -1,0 +1,87 @@
+"""Which format a file is of: by its first bytes, and by its name where they do not tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from octobrick.store.sources.base import Source
+from octobrick.store.sources.metaimage import is_metaimage, open_metaimage
+from octobrick.store.sources.nifti import is_nifti, open_nifti
+from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
+from octobrick.store.sources.npy import open_npy
+from octobrick.store.sources.nrrd import MAGIC as NRRD_MAGIC
+from octobrick.store.sources.nrrd import open_nrrd
+
+# As much as any check below looks at.
+HEAD_NBYTES = 1024
+
+RAW_SUFFIXES = (".raw", ".bin", ".dat", ".vol", "")
+
+
+class Format(NamedTuple):
+    """A format that describes itself: its name, endings of file names, and how it is opened."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    is_it: Callable[[bytes], bool]
+    open: Callable[[Path], Source]
+
+
+FORMATS = (
+    Format(
+        "NIfTI", (".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"), is_nifti, open_nifti
+    ),
+    Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), open_nrrd),
+    Format("MetaImage", (".mhd", ".mha"), is_metaimage, open_metaimage),
+    Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), open_npy),
+)
+
+# Not read, but told by name: offset, bytes, name.
+_FOREIGN = (
+    (0, b"II*\0", "TIFF"),
+    (0, b"MM\0*", "TIFF"),
+    (0, b"II+\0", "BigTIFF"),
+    (0, b"MM\0+", "BigTIFF"),
+    (0, b"\x89HDF\r\n\x1a\n", "HDF5"),
+    (128, b"DICM", "DICOM"),
+    (0, b"PK\x03\x04", "a zip archive, as .npz is"),
+    (0, b" BDV", "OpenVDB"),
+    (0, b"\x89PNG\r\n", "PNG"),
+    (0, b"\xff\xd8\xff", "JPEG"),
+    (0, b"BZh", "bzip2 data"),
+    (0, b"\xfd7zXZ\0", "xz data"),
+    (0, b"\x28\xb5\x2f\xfd", "zstd data"),
+)
+
+
+def recognise(path: Path, head: bytes) -> Format | None:
+    """The format of a file.
+
+    Args:
+        path: its name is looked at where the bytes do not tell.
+        head: its first `HEAD_NBYTES` bytes, decompressed.
+    """
+    for candidate in FORMATS:
+        if candidate.is_it(head):
+            return candidate
+    name = path.name.lower()
+    for candidate in FORMATS:
+        if name.endswith(candidate.suffixes):
+            return candidate
+    return None
+
+
+def foreign_name(head: bytes) -> str | None:
+    """The name of a format that is known but not read."""
+    for offset, magic, name in _FOREIGN:
+        if head[offset:].startswith(magic):
+            return name
+    return None
+
+
+def is_raw_name(path: Path) -> bool:
+    """Whether a file is named as raw voxels are, compressed or not."""
+    plain = path.with_suffix("") if path.suffix.lower() == ".gz" else path
+    return plain.suffix.lower() in RAW_SUFFIXES
