@@ -1,0 +1,85 @@
+"""``octobrick info``: what is in a volume or in a source file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from octobrick.server.cli.text import (
+    format_nbytes,
+    format_psnr,
+    format_ratio,
+    format_shape,
+    print_table,
+)
+
+if TYPE_CHECKING:
+    from octobrick.store import Volume
+
+
+@click.command()
+@click.argument("path", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
+def info(path: Path, as_json: bool) -> None:
+    """Tell what is in PATH: a volume, or a file that could be ingested."""
+    from octobrick.store import open_volume
+    from octobrick.store.sources import open_source
+
+    if path.is_dir() or path.suffix == ".zarr":
+        with open_volume(path) as volume:
+            if as_json:
+                click.echo(json.dumps(volume.metadata()))
+            else:
+                _print_volume(volume)
+        return
+    with open_source(path) as source:
+        description = source.describe()
+    if as_json:
+        click.echo(json.dumps(description))
+    else:
+        _print_fields(description)
+
+
+def _print_volume(volume: Volume) -> None:
+    spacing = ", ".join(f"{size:g}" for size in volume.levels[0].spacing_xyz)
+    low, high = volume.value_range
+    dark, bright = volume.window
+    _print_fields(
+        {
+            "volume": volume.name,
+            "revision": volume.revision,
+            "dtype": str(volume.dtype),
+            "codec": "lossless" if volume.codec is None else str(volume.codec),
+            "brick": format_shape(volume.brick_shape_zyx),
+            "time steps": volume.nt,
+            "channels": volume.nc,
+            "spacing (x, y, z)": f"{spacing} {volume.unit or ''}".rstrip(),
+            "values": f"{low:g} to {high:g}",
+            "window": f"{dark:g} to {bright:g}",
+        }
+    )
+    print_table(
+        ("level", "z×y×x", "bricks", "size", "stored", "ratio", "PSNR", "max error"),
+        (
+            (
+                str(level.index),
+                format_shape(level.shape_zyx),
+                format_shape(level.grid_zyx),
+                format_nbytes(level.nbytes),
+                format_nbytes(level.stored_nbytes),
+                format_ratio(level.nbytes, level.stored_nbytes),
+                format_psnr(level.psnr_db),
+                f"{level.max_error:g}",
+            )
+            for level in volume.levels
+        ),
+    )
+
+
+def _print_fields(fields: dict[str, Any]) -> None:
+    width = max(map(len, fields))
+    for name, value in fields.items():
+        click.echo(f"{name:<{width}}  {'–' if value is None else value}")

@@ -1,0 +1,172 @@
+"""A request for a picture, from a query or from JSON: checked fields, and the view they mean."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from octobrick.server import view
+from octobrick.server.errors import LimitError
+from octobrick.server.settings import Settings
+from octobrick.server.view import (
+    Fit,
+    Projection,
+    Rgb,
+    View,
+    parse_background,
+    parse_window,
+    preset_function,
+)
+
+if TYPE_CHECKING:
+    from octobrick.renderer import TransferFunction
+
+
+_BACKGROUND = "rrggbb, or r,g,b from 0 to 1, or transparent."
+
+
+def _checked_background(text: str) -> str:
+    parse_background(text)
+    return text
+
+
+def _checked_window(text: str) -> str:
+    parse_window(text)
+    return text
+
+
+class _RenderFields(BaseModel):
+    """What a query and a body have in common."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    azimuth: float = Field(view.AZIMUTH_DEGREES, description="Degrees around the volume.")
+    elevation: float = Field(
+        view.ELEVATION_DEGREES, ge=-90, le=90, description="Degrees above its middle."
+    )
+    fit: Fit = Field(
+        "visible", description="Look at what the transfer function shows, or at all of the volume."
+    )
+    distance: float | None = Field(
+        None, gt=0, description="World units from its centre; all of it is in view without."
+    )
+    fov: float = Field(
+        view.FOV_DEGREES, gt=0, lt=180, description="Degrees across the picture's shorter side."
+    )
+    projection: Projection = Field("perspective", description="Of the camera.")
+    preset: str = Field(
+        view.PRESET,
+        max_length=64,
+        description="Transfer function: ct-bone, ct-soft-tissue, mr or microscopy.",
+        examples=["ct-bone"],
+    )
+    width: int = Field(view.SIZE[0], ge=1, description="Pixels.", examples=[96])
+    height: int = Field(view.SIZE[1], ge=1, description="Pixels.", examples=[64])
+    shading: bool = Field(True, description="Light surfaces by the gradient.")
+    step_voxels: float = Field(
+        view.STEP_VOXELS, ge=0.1, le=16, description="Distance of samples along a ray, in voxels."
+    )
+    level: int | None = Field(
+        None, ge=0, description="Resolution to render; the renderer chooses without."
+    )
+    t: int = Field(0, ge=0, description="Time step.")
+    c: int = Field(0, ge=0, description="Channel.")
+    revision: str | None = Field(
+        None,
+        max_length=128,
+        description="Refuse any other revision with 410; the answer can then be kept for ever.",
+    )
+
+    def require_within(self, settings: Settings) -> None:
+        """Refuse a picture that is larger than the settings allow.
+
+        Raises:
+            LimitError: with the name of the limit and both values.
+        """
+        for what, value, limit_name in (
+            ("longer side", max(self.width, self.height), "max_image_side"),
+            ("number of pixels", self.width * self.height, "max_image_pixels"),
+        ):
+            limit = getattr(settings, limit_name)
+            if value > limit:
+                raise LimitError(
+                    f"The picture's {what} is {value}; this server renders at most {limit}",
+                    limit_name=limit_name,
+                    limit=limit,
+                    value=value,
+                )
+
+    def _view(
+        self,
+        window: tuple[float, float] | None,
+        background: Rgb | None,
+        own_function: TransferFunction | None = None,
+    ) -> View:
+        return View(
+            transfer_function=own_function or preset_function(self.preset),
+            azimuth=self.azimuth,
+            elevation=self.elevation,
+            fit=self.fit,
+            distance=self.distance,
+            fov=self.fov,
+            projection=self.projection,
+            size=(self.width, self.height),
+            window=window,
+            shading=self.shading,
+            background=background,
+            step_voxels=self.step_voxels,
+            level=self.level,
+            t=self.t,
+            c=self.c,
+        )
+
+
+class RenderQuery(_RenderFields):
+    """A picture, all in the query of its address."""
+
+    window: Annotated[str | None, AfterValidator(lambda w: w and _checked_window(w))] = Field(
+        None,
+        max_length=80,
+        description="LO,HI: values at the ends of the transfer function; the volume's without.",
+        examples=["0,1500"],
+    )
+    background: Annotated[str, AfterValidator(_checked_background)] = Field(
+        "000000",
+        max_length=80,
+        description=_BACKGROUND,
+        examples=["202020"],
+    )
+
+    def to_view(self) -> View:
+        """The view that the fields mean."""
+        window = None if self.window is None else parse_window(self.window)
+        return self._view(window, parse_background(self.background))
+
+
+class RenderBody(_RenderFields):
+    """A picture, as JSON, with a transfer function of one's own if wanted."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"azimuth": 45, "preset": "mr", "width": 96, "height": 64}]}
+    )
+
+    window: tuple[float, float] | None = Field(
+        None, description="Values at the ends of the transfer function; the volume's without."
+    )
+    background: Annotated[str, AfterValidator(_checked_background)] = Field(
+        "000000", max_length=80, description=_BACKGROUND
+    )
+    transfer_function: dict[str, Any] | None = Field(
+        None, description="Instead of a preset: as TransferFunction.to_json writes it."
+    )
+
+    def to_view(self) -> View:
+        """The view that the fields mean."""
+        from octobrick.renderer import TransferFunction
+
+        window = self.window and parse_window(",".join(map(repr, self.window)))
+        given = self.transfer_function
+        own = None if given is None else TransferFunction.from_json(json.dumps(given))
+        return self._view(window, parse_background(self.background), own)

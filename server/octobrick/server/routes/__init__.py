@@ -1,0 +1,1 @@
+"""The routes, one file per noun; none holds logic that could stand without HTTP."""
