@@ -145,6 +145,7 @@ def _explained(dest: Path) -> Iterator[None]:
             errno.EPERM: "choose a folder that you may write to",
             errno.EROFS: "choose a file system that is not read-only",
             errno.EFBIG: "choose smaller shards, or raise the limit on file size",
+            errno.ENOENT: "choose a destination whose folder exists or can be made",
             errno.ENOTDIR: "choose a destination whose parents are folders",
         }.get(error.errno or 0)
         if advice is None:

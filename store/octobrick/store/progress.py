@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -62,13 +61,21 @@ class ProgressMeter:
 
 def rss_nbytes() -> int:
     """Resident memory of this process now; 0 where the system does not tell."""
-    try:
-        resident_pages = int(Path("/proc/self/statm").read_text().split()[1])
-    except (OSError, ValueError, IndexError):
-        return 0
-    return resident_pages * resource.getpagesize()
+    return _status_nbytes("VmRSS")
 
 
 def peak_rss_nbytes() -> int:
-    """The most resident memory that this process has had."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    """The most resident memory that this process has had; 0 where the system does not tell.
+
+    Not getrusage: its figure starts at what the parent had when it made this process.
+    """
+    return _status_nbytes("VmHWM")
+
+
+def _status_nbytes(field: str) -> int:
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return 0
+    kibibytes = next((line.split()[1] for line in lines if line.startswith(f"{field}:")), "0")
+    return int(kibibytes) * 1024

@@ -119,6 +119,8 @@ def render(
         background=parse_background(background),
         **options,
     )
+    if not output.absolute().parent.is_dir():  # before the work, not after it
+        raise NotFoundError(f"{output}: there is no such folder; make it, or name another")
     from octobrick.renderer import Renderer
     from octobrick.store import open_volume
 
