@@ -1,0 +1,210 @@
+// octobrick.codec._native: the C++ codec for Python. Arrays come as buffers with any strides;
+// faults go back as values, which octobrick.codec turns into exceptions that say what to do.
+
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/variant.h>
+
+#include <optional>
+#include <string_view>
+#include <tuple>
+#include <variant>
+
+#include "octobrick/codec/error_stats.h"
+#include "octobrick/codec/reduce.h"
+#include "octobrick/codec/s3dc.h"
+
+namespace nb = nanobind;
+using namespace octobrick::codec;
+
+namespace {
+
+using Block = std::tuple<std::size_t, std::size_t, std::size_t>;
+using Position = Block;
+
+// A Python buffer for as long as this lives.
+class Buffer {
+  public:
+    Buffer(nb::handle object, int flags) {
+        if (PyObject_GetBuffer(object.ptr(), &view_, flags) != 0) {
+            throw nb::python_error();
+        }
+    }
+    ~Buffer() { PyBuffer_Release(&view_); }
+    Buffer(const Buffer&) = delete;
+    Buffer& operator=(const Buffer&) = delete;
+
+    std::span<const std::byte> bytes() const {
+        return {static_cast<const std::byte*>(view_.buf), static_cast<std::size_t>(view_.len)};
+    }
+
+    // The buffer as a volume; `View` is Volume or ConstVolume.
+    template <class View>
+    View volume() const {
+        if (view_.ndim != 3) {
+            throw nb::value_error("expected three axes (z, y, x)");
+        }
+        View v;
+        v.origin = static_cast<std::byte*>(view_.buf);
+        v.type = sample_type();
+        v.shape = {static_cast<std::size_t>(view_.shape[0]),
+                   static_cast<std::size_t>(view_.shape[1]),
+                   static_cast<std::size_t>(view_.shape[2])};
+        v.strides = {view_.strides[0], view_.strides[1], view_.strides[2]};
+        return v;
+    }
+
+  private:
+    SampleType sample_type() const {
+        // Before the letter a prefix may tell the byte order, '^' or '=' where samples are not
+        // aligned. '>' is none of ours.
+        const std::string_view format = view_.format != nullptr ? view_.format : "B";
+        const bool prefixed = format.size() == 2 &&
+                              std::string_view("@=<^").find(format[0]) != std::string_view::npos;
+        if (format.size() == (prefixed ? 2 : 1)) {
+            switch (format.back()) {
+                case 'B': return SampleType::u8;
+                case 'b': return SampleType::i8;
+                case 'H': return SampleType::u16;
+                case 'h': return SampleType::i16;
+                case 'f': return SampleType::f32;
+            }
+        }
+        throw nb::type_error("expected native uint8, int8, uint16, int16 or float32");
+    }
+
+    Py_buffer view_{};
+};
+
+constexpr int kReadStrided = PyBUF_STRIDES | PyBUF_FORMAT;
+constexpr int kWriteStrided = kReadStrided | PyBUF_WRITABLE;
+
+S3dc make_codec(const Block& block, unsigned bits) {
+    return {{std::get<0>(block), std::get<1>(block), std::get<2>(block)}, bits};
+}
+
+Outcome failure(Status status) { return {status, {}, 0, 0}; }
+
+std::variant<Outcome, std::tuple<std::size_t, std::size_t>> layout_nbytes(const Block& shape,
+                                                                          std::size_t sample_nbytes,
+                                                                          const Block& block,
+                                                                          unsigned bits) {
+    const SampleType type = sample_nbytes == 1   ? SampleType::u8
+                            : sample_nbytes == 2 ? SampleType::u16
+                                                 : SampleType::f32;
+    Layout layout;
+    const Status status =
+        make_layout(make_codec(block, bits), type,
+                    {std::get<0>(shape), std::get<1>(shape), std::get<2>(shape)}, layout);
+    if (status != Status::ok) {
+        return failure(status);
+    }
+    return std::tuple(layout.end_points_nbytes, layout.nbytes);
+}
+
+std::variant<Outcome, nb::bytes> encode_array(nb::handle array, const Block& block, unsigned bits,
+                                              unsigned threads, bool simd) {
+    const Buffer buffer(array, kReadStrided);
+    const auto voxels = buffer.volume<ConstVolume>();
+    const S3dc codec = make_codec(block, bits);
+    Layout layout;
+    if (const Status s = make_layout(codec, voxels.type, voxels.shape, layout); s != Status::ok) {
+        return failure(s);
+    }
+    // A new bytes object that no one else knows may be written, even without the GIL.
+    nb::bytes code = nb::steal<nb::bytes>(
+        PyBytes_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(layout.nbytes)));
+    if (!code.is_valid()) {
+        throw nb::python_error();
+    }
+    auto* out = reinterpret_cast<std::byte*>(PyBytes_AsString(code.ptr()));
+    Outcome outcome;
+    {
+        const nb::gil_scoped_release unlocked;
+        outcome = encode(codec, voxels, {out, layout.nbytes}, {threads, simd});
+    }
+    if (outcome.status != Status::ok) {
+        return outcome;
+    }
+    return code;
+}
+
+Outcome decode_into(nb::handle data, nb::handle out, const Block& block, unsigned bits,
+                    unsigned threads, bool simd) {
+    const Buffer code(data, PyBUF_SIMPLE);
+    const Buffer array(out, kWriteStrided);
+    const auto voxels = array.volume<Volume>();
+    const nb::gil_scoped_release unlocked;
+    return decode(make_codec(block, bits), code.bytes(), voxels, {threads, simd});
+}
+
+bool mean2_into(nb::handle fine, nb::handle coarse, unsigned threads, bool simd) {
+    const Buffer from(fine, kReadStrided);
+    const Buffer to(coarse, kWriteStrided);
+    const auto fine_volume = from.volume<ConstVolume>();
+    const auto coarse_volume = to.volume<Volume>();
+    const nb::gil_scoped_release unlocked;
+    return mean2(fine_volume, coarse_volume, {threads, simd});
+}
+
+nb::tuple compare_arrays(nb::handle a, nb::handle b, bool simd) {
+    const Buffer a_buffer(a, kReadStrided);
+    const Buffer b_buffer(b, kReadStrided);
+    const auto a_volume = a_buffer.volume<ConstVolume>();
+    const auto b_volume = b_buffer.volume<ConstVolume>();
+    ErrorStats stats;
+    bool comparable;
+    {
+        const nb::gil_scoped_release unlocked;
+        comparable = compare(a_volume, b_volume, stats, simd);
+    }
+    if (!comparable) {
+        throw nb::value_error("expected equal types and shapes");
+    }
+    if (a_volume.type == SampleType::f32) {
+        return nb::make_tuple(stats.count, stats.max_abs_f, stats.squares_f);
+    }
+    const nb::object squares =
+        (nb::int_(stats.squares_high) << nb::int_(64)) | nb::int_(stats.squares);
+    return nb::make_tuple(stats.count, stats.max_abs, squares);
+}
+
+}  // namespace
+
+NB_MODULE(_native, m) {
+    m.doc() = "The C++ codec. Internal: use octobrick.codec.";
+
+    nb::enum_<Status>(m, "Status", "How a call ended; see octobrick/codec/s3dc.h.")
+        .value("OK", Status::ok)
+        .value("BAD_BITS", Status::bad_bits)
+        .value("BAD_BLOCK", Status::bad_block)
+        .value("EMPTY_SHAPE", Status::empty_shape)
+        .value("TOO_LARGE", Status::too_large)
+        .value("WRONG_NBYTES", Status::wrong_nbytes)
+        .value("NOT_FINITE", Status::not_finite)
+        .value("BAD_END_POINTS", Status::bad_end_points)
+        .value("BAD_PADDING", Status::bad_padding);
+
+    nb::class_<Outcome>(m, "Outcome", "A status, where, and the two values that it is about.")
+        .def_ro("status", &Outcome::status)
+        .def_prop_ro("at", [](const Outcome& o) { return Position{o.at.z, o.at.y, o.at.x}; })
+        .def_ro("first", &Outcome::first)
+        .def_ro("second", &Outcome::second);
+
+    m.def("layout_nbytes", &layout_nbytes, nb::arg("shape"), nb::arg("sample_nbytes"),
+          nb::arg("block"), nb::arg("bits"),
+          "Bytes of the end points and of the whole code, or what is wrong.");
+    m.def("encode", &encode_array, nb::arg("array"), nb::arg("block"), nb::arg("bits"),
+          nb::arg("threads") = 0, nb::arg("simd") = true,
+          "The code of an array (z, y, x), or what is wrong with it.");
+    m.def("decode_into", &decode_into, nb::arg("data"), nb::arg("out"), nb::arg("block"),
+          nb::arg("bits"), nb::arg("threads") = 0, nb::arg("simd") = true,
+          "Decode into an array (z, y, x) of the voxels' shape and type.");
+    m.def("mean2_into", &mean2_into, nb::arg("fine"), nb::arg("coarse"), nb::arg("threads") = 0,
+          nb::arg("simd") = true,
+          "Reduce to half the shape, rounded up; False where they do not fit.");
+    m.def(
+        "compare", &compare_arrays, nb::arg("a"), nb::arg("b"), nb::arg("simd") = true,
+        nb::sig("def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]"),
+        "Count, max |a - b|, sum of (a - b)^2; whole for integer arrays.");
+}

@@ -1,0 +1,75 @@
+// Hostile codes: whatever the bytes, decode() ends with a status, touches nothing that is not its
+// own, and says the same with and without SIMD. What it accepts is finite: it can be encoded again.
+//
+// The first 8 bytes choose the parameters, the rest is the code.
+
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <span>
+
+#include "octobrick/codec/s3dc.h"
+
+namespace {
+
+using namespace octobrick::codec;
+
+// Exactly as many bytes as asked for, so that the sanitiser sees the first one too many.
+using Block = std::unique_ptr<std::byte[]>;
+Block allocate(std::size_t nbytes) { return Block(new std::byte[nbytes]()); }
+
+void require(bool condition) {
+    if (!condition) {
+        std::abort();
+    }
+}
+
+Volume packed_volume(std::byte* origin, SampleType type, Zyx shape) {
+    const auto unit = static_cast<std::ptrdiff_t>(sample_nbytes(type));
+    const auto row = unit * static_cast<std::ptrdiff_t>(shape.x);
+    return {origin, type, shape, {row * static_cast<std::ptrdiff_t>(shape.y), row, unit}};
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+    constexpr std::size_t kParameters = 8;
+    if (size < kParameters) {
+        return 0;
+    }
+    const auto type = static_cast<SampleType>(data[0] % 5);
+    const Zyx shape = {data[1] % 6u, data[2] % 6u, data[3] % 150u};
+    const S3dc codec = {{data[4] % 9u, data[5] % 9u, data[6] % 70u}, data[7] % 10u};
+
+    Layout layout;
+    if (make_layout(codec, type, shape, layout) != Status::ok) {
+        return 0;
+    }
+    // A short input is continued with zeros, so that small inputs get past the size check.
+    const std::size_t given = size - kParameters;
+    const bool wrong_size = given > layout.nbytes;
+    const std::size_t code_nbytes = wrong_size ? given : layout.nbytes;
+    const Block code = allocate(code_nbytes);
+    std::memcpy(code.get(), data + kParameters, given);
+
+    const std::size_t voxels_nbytes = shape.z * shape.y * shape.x * sample_nbytes(type);
+    const Block simd = allocate(voxels_nbytes), scalar = allocate(voxels_nbytes);
+    const std::span<const std::byte> bytes(code.get(), code_nbytes);
+    const Volume voxels = packed_volume(simd.get(), type, shape);
+    const Outcome outcome = decode(codec, bytes, voxels);
+    require(!wrong_size || outcome.status == Status::wrong_nbytes);
+    const Outcome other = decode(codec, bytes, packed_volume(scalar.get(), type, shape),
+                                 {.threads = 2, .simd = false});
+    require(outcome.status == other.status && outcome.at == other.at);
+    if (outcome.status != Status::ok) {
+        return 0;
+    }
+    require(std::memcmp(simd.get(), scalar.get(), voxels_nbytes) == 0);
+
+    // What was accepted is finite, so it can be encoded again.
+    const Block again = allocate(layout.nbytes);
+    const ConstVolume decoded{voxels.origin, type, shape, voxels.strides};
+    require(encode(codec, decoded, {again.get(), layout.nbytes}).status == Status::ok);
+    return 0;
+}

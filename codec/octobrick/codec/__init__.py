@@ -1,0 +1,12 @@
+"""Bytes to voxels and back, and how much is lost on the way: the public door of the codec.
+
+Everything here is a pure function or an immutable value, safe to use from many threads.
+"""
+
+from __future__ import annotations
+
+from octobrick.codec import errors, metrics, reduce
+from octobrick.codec.metrics import ErrorStats
+from octobrick.codec.s3dc import S3dc
+
+__all__ = ["ErrorStats", "S3dc", "errors", "metrics", "reduce"]

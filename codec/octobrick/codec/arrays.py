@@ -1,0 +1,74 @@
+"""What the codec accepts as a volume: one place that says yes or no, and why."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from octobrick.codec.errors import InvalidInputError, UnsupportedError
+
+Zyx = tuple[int, int, int]
+Voxels = NDArray[Any]
+
+SAMPLE_DTYPES = tuple(np.dtype(t) for t in ("uint8", "int8", "uint16", "int16", "float32"))
+"""The sample types of the codec, in native byte order."""
+
+_MAX_EXTENT = 2**62
+"""Above any array that can exist, and small enough to reach the native code as an integer."""
+
+
+def require_dtype(dtype: DTypeLike) -> np.dtype[Any]:
+    """The sample type in native byte order.
+
+    Raises:
+        UnsupportedError: it is none of `SAMPLE_DTYPES`.
+    """
+    native = np.dtype(dtype).newbyteorder("=")
+    if native not in SAMPLE_DTYPES:
+        names = ", ".join(d.name for d in SAMPLE_DTYPES)
+        raise UnsupportedError(
+            f"the codec has no {native} samples; convert the voxels to one of {names}",
+            dtype=str(native),
+        )
+    return native
+
+
+def require_extents(values: Iterable[int], what: str) -> Zyx:
+    """Three positive integers (z, y, x).
+
+    Raises:
+        InvalidInputError: there are not three, or one is no integer, below 1 or absurdly large.
+    """
+    try:
+        extents = tuple(operator.index(v) for v in values)
+    except TypeError as error:
+        raise InvalidInputError(f"{what} must be three integers (z, y, x): {error}") from error
+    if len(extents) != 3 or not all(1 <= v <= _MAX_EXTENT for v in extents):
+        raise InvalidInputError(
+            f"{what} is {extents}; give three integers (z, y, x), each at least 1",
+            given=[str(v) for v in extents],
+        )
+    return extents
+
+
+def require_volume(array: Voxels, what: str = "the array") -> Voxels:
+    """An array (z, y, x) of a sample type in native byte order; strides stay as they are.
+
+    Only an array of foreign byte order is copied.
+
+    Raises:
+        InvalidInputError: it has not three axes, or one is empty.
+        UnsupportedError: its type is none of `SAMPLE_DTYPES`.
+    """
+    array = np.asarray(array)
+    dtype = require_dtype(array.dtype)
+    if array.ndim != 3 or array.size == 0:
+        raise InvalidInputError(
+            f"{what} has shape {array.shape}; give three axes (z, y, x) of at least one voxel",
+            shape=list(array.shape),
+        )
+    return array.astype(dtype, copy=False)

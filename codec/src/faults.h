@@ -1,0 +1,35 @@
+// The first fault of many workers: whatever the thread count, the one of the lowest slab.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <mutex>
+
+#include "octobrick/codec/s3dc.h"
+
+namespace octobrick::codec::detail {
+
+class FirstFault {
+  public:
+    // Keeps the outcome unless it is ok, or one of a lower slab is known. Slabs are taken in
+    // increasing order and each is finished, so the lowest faulty one always gets here.
+    void report(std::size_t slab, const Outcome& outcome) {
+        if (outcome.status == Status::ok) {
+            return;
+        }
+        const std::lock_guard lock(mutex_);
+        if (slab < slab_) {
+            slab_ = slab;
+            outcome_ = outcome;
+        }
+    }
+
+    const Outcome& outcome() const { return outcome_; }
+
+  private:
+    std::mutex mutex_;
+    std::size_t slab_ = SIZE_MAX;
+    Outcome outcome_;
+};
+
+}  // namespace octobrick::codec::detail

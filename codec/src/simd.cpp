@@ -1,0 +1,13 @@
+#include "simd.h"
+
+namespace octobrick::codec::detail {
+
+bool has_avx2() noexcept {
+#if defined(__x86_64__)
+    return __builtin_cpu_supports("avx2") != 0;
+#else
+    return false;
+#endif
+}
+
+}  // namespace octobrick::codec::detail
