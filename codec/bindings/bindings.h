@@ -3,4 +3,5 @@
 
 #include <nanobind/nanobind.h>
 
+void bind_deblock(nanobind::module_& m);
 void bind_gradients(nanobind::module_& m);

@@ -209,5 +209,6 @@ NB_MODULE(_native, m) {
         nb::sig("def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]"),
         "Count, max |a - b|, sum of (a - b)^2; whole for integer arrays.");
 
+    bind_deblock(m);
     bind_gradients(m);
 }
