@@ -288,6 +288,10 @@ def test_any_strides_give_the_same_and_the_input_is_left_alone() -> None:
         deblock.rational_bezier(strided.copy(), (4, 4, 4)),
     )
     np.testing.assert_array_equal(volume, before)
+    expected = deblock.rational_bezier(volume, (4, 4, 4))
+    unaligned = np.frombuffer(b"x" + volume.tobytes(), np.float32, offset=1).reshape(volume.shape)
+    for same in (volume.astype(">f4"), unaligned):
+        np.testing.assert_array_equal(deblock.rational_bezier(same, (4, 4, 4)), expected)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

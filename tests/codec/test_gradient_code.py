@@ -207,6 +207,21 @@ def test_shape_is_kept_and_empty_is_fine() -> None:
     assert gradients.decode_directions(empty).shape == (0, 3)
 
 
+def test_foreign_bytes_and_odd_addresses_give_the_same() -> None:
+    vectors = random_vectors(100, 11)
+    expected = gradients.encode_directions(vectors)
+    unaligned = np.frombuffer(b"x" + vectors.tobytes(), np.float32, offset=1).reshape(-1, 3)
+    assert not unaligned.flags.aligned
+    assert not unaligned.flags.writeable
+    for same in (vectors.astype(">f4"), vectors.astype(">f8"), unaligned):
+        np.testing.assert_array_equal(gradients.encode_directions(same), expected)
+    read_only = expected.copy()
+    read_only.flags.writeable = False
+    np.testing.assert_array_equal(
+        gradients.decode_directions(read_only), gradients.decode_directions(expected)
+    )
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_what_is_not_finite_is_refused_by_its_place(bad: float) -> None:
     vectors = random_vectors(8192, 10).reshape(64, 128, 3)

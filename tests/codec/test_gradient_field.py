@@ -73,6 +73,13 @@ def test_any_strides_give_the_same(noise: Any) -> None:
     np.testing.assert_array_equal(
         gradients.central_differences(strided), gradients.central_differences(strided.copy())
     )
+    foreign = volume.astype(">i2")
+    foreign.flags.writeable = False
+    gradient = gradients.central_differences(volume)
+    np.testing.assert_array_equal(gradients.central_differences(foreign), gradient)
+    np.testing.assert_array_equal(
+        gradients.reduce(gradient.astype(">f4")[::-1]), gradients.reduce(gradient[::-1].copy())
+    )
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -74,6 +74,11 @@ def require_volume(array: Voxels, what: str = "the array") -> Voxels:
     return array.astype(dtype, copy=False)
 
 
+def contiguous(array: Voxels) -> Voxels:
+    """The array C-contiguous, aligned and in native byte order; copied only where it is not so."""
+    return np.require(array, array.dtype.newbyteorder("="), ["C_CONTIGUOUS", "ALIGNED"])
+
+
 def require_threads(threads: int | None) -> int:
     """The number of threads as the native code takes it, where 0 lets it choose.
 

@@ -21,6 +21,7 @@ from octobrick.codec import _native
 from octobrick.codec.arrays import (
     Voxels,
     Zyx,
+    contiguous,
     require_dtype,
     require_extents,
     require_threads,
@@ -82,7 +83,7 @@ def rational_bezier(
         NotFiniteError: a float32 voxel is NaN or infinite.
         UnsupportedError: another sample type.
     """
-    volume = np.ascontiguousarray(require_volume(volume), np.float32)
+    volume = contiguous(require_volume(volume).astype(np.float32, copy=False))
     block = require_extents(block, "block")
     _require_choices(limit, axes)
     strength, value_range = _require_parameters(strength, value_range)
@@ -195,4 +196,4 @@ def _require_bounds(bound: ArrayLike, shape: tuple[int, ...], block: Zyx) -> NDA
         )
     if not (bounds >= 0).all():
         raise InvalidInputError("a bound is negative or NaN; give the greatest error, at least 0")
-    return np.ascontiguousarray(bounds)
+    return contiguous(bounds)

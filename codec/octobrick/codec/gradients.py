@@ -5,8 +5,8 @@ Volume Rendering", 2017. The code is specified in docs/spec/gradient-code.md;
 `octobrick.codec.reference_gradients` is the same in plain numpy.
 
 All functions are pure and thread-safe, let other Python threads run meanwhile, and give the same
-on any number of threads. Vectors are (…, 3) with components (x, y, z). Arrays that are not
-C-contiguous are copied first.
+on any number of threads. Vectors are (…, 3) with components (x, y, z). Arrays may have any strides
+and byte order; those that are not contiguous and native are copied first.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import _native
-from octobrick.codec.arrays import Voxels, require_threads, require_volume
+from octobrick.codec.arrays import Voxels, contiguous, require_threads, require_volume
 from octobrick.codec.errors import InvalidInputError, NotFiniteError, UnsupportedError
 
 Vectors = NDArray[np.float32]
@@ -52,7 +52,7 @@ def central_differences(
         NotFiniteError: a float32 voxel is NaN or infinite.
         UnsupportedError: another sample type.
     """
-    volume = np.ascontiguousarray(require_volume(volume))
+    volume = contiguous(require_volume(volume))
     spacing = tuple(float(s) for s in spacing_zyx)
     if len(spacing) != 3 or not all(_LEAST_SPACING <= s <= _GREATEST_SPACING for s in spacing):
         raise InvalidInputError(
@@ -103,7 +103,7 @@ def reduce(
             f"the gradient has shape {gradient.shape}; give (z, y, x, 3), each axis of at least 1",
             shape=list(gradient.shape),
         )
-    if gradient.dtype != np.float32:
+    if gradient.dtype.newbyteorder("=") != np.float32:
         raise UnsupportedError(
             f"a gradient of {gradient.dtype} is not reduced; convert it to float32",
             dtype=str(gradient.dtype),
@@ -116,7 +116,7 @@ def reduce(
             radius=str(radius),
             sigma=str(sigma),
         )
-    fine = np.ascontiguousarray(gradient, np.float32)
+    fine = contiguous(gradient)
     coarse = np.empty((*(-(-n // 2) for n in fine.shape[:3]), 3), np.float32)
     _native.reduce_gradient_into(fine, coarse, radius, sigma, require_threads(threads))
     return coarse
@@ -141,12 +141,12 @@ def encode_directions(gradient: NDArray[Any], *, threads: int | None = None) -> 
         UnsupportedError: neither float32 nor float64.
     """
     vectors = _require_triples(gradient, "the gradient")
-    if vectors.dtype not in (np.float32, np.float64):
+    if vectors.dtype.newbyteorder("=") not in (np.float32, np.float64):
         raise UnsupportedError(
             f"directions of {vectors.dtype} are not encoded; convert them to float32 or float64",
             dtype=str(vectors.dtype),
         )
-    vectors = np.ascontiguousarray(vectors, vectors.dtype.newbyteorder("="))
+    vectors = contiguous(vectors)
     codes = np.empty(vectors.shape, np.uint8)
     fault = _native.encode_directions_into(vectors, codes, require_threads(threads))
     if fault is not None:
@@ -182,7 +182,7 @@ def decode_directions(code: DirectionCodes, *, threads: int | None = None) -> Ve
             f"a code of directions is uint8, not {code.dtype}; pass what encode_directions made",
             dtype=str(code.dtype),
         )
-    code = np.ascontiguousarray(code)
+    code = contiguous(code)
     vectors = np.empty(code.shape, np.float32)
     _native.decode_directions_into(code, vectors, require_threads(threads))
     return vectors
