@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import S3dc, deblock, metrics
-from octobrick.codec.arrays import SAMPLE_DTYPES
-from octobrick.codec.errors import OctobrickError
-from octobrick.store.box import Box
-from octobrick.store.sources import open_source
+
+from volumes import volumes  # isort: skip
 
 WAYS: dict[str, dict[str, Any]] = {
     "unlimited": {},
@@ -33,48 +30,8 @@ WAYS: dict[str, dict[str, Any]] = {
     "ramp": {"limit": "ramp"},
     "auto": {},
 }
-READABLE = (".gz", ".mhd", ".nii", ".npy", ".nrrd", ".tif")
 UNLIMITED = ("unlimited", "sequential")
 DEFAULT = "auto"
-
-
-def volumes(folder: Path, crop: int) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Name and central crop of every volume that can be read."""
-    series = [min(f.glob("*.gz"), default=None) for f in sorted(folder.iterdir()) if f.is_dir()]
-    files = [f for f in sorted(folder.iterdir()) if f.is_file()] + [f for f in series if f]
-    for path in files:
-        if path.suffix not in READABLE:
-            continue
-        try:
-            voxels = tiff_crop(path, crop) if path.suffix == ".tif" else source_crop(path, crop)
-        except OctobrickError as error:
-            print(f"# skipped {path.name}: {error.kind}")
-            continue
-        if voxels.ndim == 3 and voxels.dtype in SAMPLE_DTYPES and np.ptp(voxels) > 0:
-            yield path.name, voxels
-
-
-def central(shape: tuple[int, ...], crop: int) -> tuple[slice, ...]:
-    """The middle of a volume, at most `crop` voxels on each axis."""
-    begin = [max(0, (n - crop) // 2) for n in shape]
-    return tuple(slice(b, min(n, b + crop)) for n, b in zip(shape, begin, strict=True))
-
-
-def source_crop(path: Path, crop: int) -> NDArray[Any]:
-    """The crop of anything that octobrick reads."""
-    with open_source(path) as source:
-        z, y, x = central(source.shape_zyx, crop)
-        return source.read(Box((z.start, y.start, x.start), (z.stop, y.stop, x.stop)))
-
-
-def tiff_crop(path: Path, crop: int) -> NDArray[Any]:
-    """The crop of a stack of pages, which octobrick does not read yet."""
-    from PIL import Image, ImageSequence
-
-    with Image.open(path) as image:
-        pages = np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
-    native = pages.astype(pages.dtype.newbyteorder("="))
-    return np.ascontiguousarray(native[central(native.shape, crop)]) if native.ndim == 3 else native
 
 
 def seam_energy(volume: NDArray[Any], block: int) -> float:
