@@ -79,6 +79,14 @@ def largest_hole(percent: int) -> tuple[float, float]:
         cells = (cells[:, np.newaxis] + corners).reshape(-1, 2)
 
 
+def test_around_the_largest_hole_the_bound_is_met_and_nearly_reached() -> None:
+    rng = np.random.default_rng(12)
+    p, q = rng.uniform(0.49, 0.51, 300_000), rng.uniform(0, 1e-3, 300_000)
+    vectors = np.column_stack([np.ones_like(p), p, q])
+    worst = angular_error(vectors, round_trip(vectors)).max()
+    assert 0.170 < worst <= WORST_DEGREES
+
+
 def inverse_ratios(cells: Vectors, percent: int) -> Vectors:
     """What the transform takes to the points of cells, each moved into the region."""
     inside = np.sort(np.clip(cells, 0, 1), axis=1)[:, ::-1]
