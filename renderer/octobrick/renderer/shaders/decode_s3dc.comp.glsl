@@ -2,7 +2,7 @@
 // each voxel has an index of BITS bits, packed along x, lowest bits first, rows of 16-bit words.
 //
 //     integers  v = min + (2·R·index + L) div (2·L)        R = max − min, L = 2^BITS − 1
-//     float32   v = min + R·index / L                       in double, rounded once
+//     float32   v = min + R·index / L                       in double, rounded once; max at L
 //
 // An invocation decodes RUN voxels along x, whose indices lie in at most two words. RUN divides
 // the block's edge, so that one pair of end points serves them all.
@@ -25,7 +25,7 @@ float decode(vec2 pair, int index) {
     precise double low = double(pair.x);
     precise double high = double(pair.y);
     precise double value = low + (high - low) * double(index) / double(LEVELS);
-    return clamp(float(value), pair.x, pair.y);
+    return index == LEVELS ? pair.y : clamp(float(value), pair.x, pair.y);
 }
 #else
 int decode(ivec2 pair, int index) {
