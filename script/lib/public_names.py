@@ -12,7 +12,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Iterator
-from types import ModuleType
+from types import GenericAlias, ModuleType
 from typing import Any
 
 COMPONENTS = ("codec", "store", "renderer", "server")
@@ -43,11 +43,13 @@ def names_of_value(value: Any, path: str) -> Iterator[str]:
 def parameters_of(value: Any) -> str:
     """``(array, *, peak=)`` for what can be called: names, and ``=`` where one may be left out.
 
-    Errors are made here and caught by others, and protocols are never made: no parameters.
+    Errors are made here and caught by others, protocols and aliases are never made: no parameters.
     """
     if isinstance(value, staticmethod | classmethod):
         value = value.__wrapped__
-    if not callable(value) or getattr(value, "_is_protocol", False):
+    if isinstance(value, GenericAlias) or getattr(value, "_is_protocol", False):
+        return ""
+    if not callable(value):
         return ""
     if inspect.isclass(value) and issubclass(value, BaseException):
         return ""
