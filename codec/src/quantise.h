@@ -5,7 +5,8 @@
 //              index   = (2dL + R) div 2R,  0 where R = 0
 //              decoded = min + (2R·index + L) div 2L
 //   f32        index   = floor((v − min) / (max − min) · L + 0.5) in double, 0 where max = min
-//              decoded = float(min + (max − min)·index / L), clamped to [min, max]
+//              decoded = max where index = L, else
+//                        float(min + (max − min)·index / L), clamped to [min, max]
 //
 // In both integer formulas the divisor is even, and floor(a / 2b) = floor(floor(a / 2) / b), so
 //
@@ -243,7 +244,8 @@ class Dequantiser16 {
     Array<std::uint16_t> min_, whole_, rest_;
 };
 
-// f32. The clamp matters where max − min is rounded: −1e30 + (−1e-30 − −1e30) is 0, not −1e-30.
+// f32. Where max − min is rounded, min + (max − min) is not max: −1e30 + (−1e-30 − −1e30) is 0. So
+// values are clamped, and the last index is max by definition.
 template <unsigned B>
 class DequantiserFloat {
   public:
@@ -269,7 +271,8 @@ class DequantiserFloat {
             float value =
                 static_cast<float>(static_cast<double>(min[i]) + range[i] * index / kLevels);
             value = value < min[i] ? min[i] : value;
-            row[x + i] = value > max[i] ? max[i] : value;
+            value = value > max[i] ? max[i] : value;
+            row[x + i] = indices[i] == static_cast<std::uint8_t>(kLevels) ? max[i] : value;
         }
     }
 

@@ -61,6 +61,14 @@ def test_least_and_greatest_voxel_of_each_block_are_exact(codec: S3dc, array: ND
     assert decoded.max() == array.max()
 
 
+@pytest.mark.parametrize("bits", range(1, 9))
+def test_the_greatest_voxel_is_exact_where_the_range_of_a_block_is_rounded(bits: int) -> None:
+    """A block of −2^53 and 1 once gave back 0 for the 1: its range has 54 bits."""
+    array = np.full((2, 3, 4), -(2.0**53), np.float32)
+    array[1, 2, 3] = 1
+    assert round_trip(S3dc((8, 8, 8), bits), array).max() == 1
+
+
 @pytest.mark.parametrize(
     ("bits", "edge", "ratio"),
     [

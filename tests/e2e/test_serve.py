@@ -361,6 +361,11 @@ def test_an_interrupted_ingest_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["huge.raw"]
 
 
+def _hear_interrupts() -> None:
+    """A test run in a shell's background ignores SIGINT, and so would all that it starts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.fixture
 def start() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     """Start the command line in processes that do not outlive the test."""
@@ -369,7 +374,11 @@ def start() -> Iterator[Callable[..., subprocess.Popen[str]]]:
     def begin(*arguments: object) -> subprocess.Popen[str]:
         command = [*OCTOBRICK, *map(str, arguments)]
         process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=_hear_interrupts,
         )
         processes.append(process)
         return process

@@ -81,7 +81,8 @@ def dequantise(indices: Indices, low: np.number[Any], high: np.number[Any], bits
         offset, extent = np.float64(low), np.float64(high) - np.float64(low)
         values: Array = (offset + extent * indices / levels).astype(np.float32)
         values = np.where(values < low, low, values)
-        return np.where(values > high, high, values)
+        values = np.where(values > high, high, values)
+        return np.where(indices == levels, high, values)  # where high − low was rounded
     reach = int(high) - int(low)
     values = int(low) + (2 * reach * indices.astype(np.int64) + levels) // (2 * levels)
     return values.astype(low.dtype)

@@ -46,7 +46,18 @@ class Volume:
 
     Reading goes straight to the shards: an index is parsed once and kept, a brick is one read.
     The files are expected not to change; a volume that is replaced on disk must be opened anew.
+
+    Attributes:
+        path: the volume's folder.
+        name: the folder's name without ``.zarr``.
+        revision: digest of the content; a brick's bytes never change under one revision.
+        levels: the pyramid, finest first.
     """
+
+    path: Path
+    name: str
+    revision: str
+    levels: tuple[Level, ...]
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -57,7 +68,7 @@ class Volume:
         self._attributes = VolumeAttributes.from_json(fields, where)
         manifest = _read_json(path / MANIFEST_NAME, path)
         expected = self._attributes.revision(manifest)
-        self.revision: str = fields["revision"] if isinstance(fields, dict) else ""
+        self.revision = fields["revision"] if isinstance(fields, dict) else ""
         if self.revision != expected:
             raise VolumeFormatError(
                 f"{where}: revision {self.revision!r:.60} does not match attributes and manifest, "

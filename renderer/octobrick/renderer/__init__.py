@@ -1,0 +1,30 @@
+"""Pictures of volumes larger than memory, without a screen.
+
+The names listed in ``__all__`` are the component's promise; everything else may change.
+"""
+
+from octobrick.renderer.brick_source import BlockCode, BrickSource, SourceLevel
+from octobrick.renderer.camera import Camera
+from octobrick.renderer.errors import GraphicsContextError, PictureTooLargeError, ShaderError
+from octobrick.renderer.framing import visible_bounds
+from octobrick.renderer.image import Fidelity, RenderedImage, RenderStats
+from octobrick.renderer.lighting import Lighting
+from octobrick.renderer.renderer import Renderer
+from octobrick.renderer.transfer_function import TransferFunction
+
+__all__ = [
+    "BlockCode",
+    "BrickSource",
+    "Camera",
+    "Fidelity",
+    "GraphicsContextError",
+    "Lighting",
+    "PictureTooLargeError",
+    "RenderStats",
+    "RenderedImage",
+    "Renderer",
+    "ShaderError",
+    "SourceLevel",
+    "TransferFunction",
+    "visible_bounds",
+]

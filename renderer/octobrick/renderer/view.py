@@ -1,0 +1,218 @@
+"""A camera over a picture and one level of a volume: the rays, and what they can meet.
+
+Two spaces. *World*: the volume's units. *Voxel*: the level's texture space, in which voxel i
+spans [i, i + 1], its centre at i + 0.5; (x, y, z) order, as in shaders.
+
+A ray starts on the start plane: across the view, just in front of the volume, or at the eye if
+that is nearer. Measuring from there instead of from the eye keeps float32 exact to a small part of
+a voxel however far away the camera stands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octobrick.codec.errors import InvalidInputError
+from octobrick.renderer.brick_source import SourceLevel
+from octobrick.renderer.camera import Camera
+from octobrick.store.box import Box
+
+FARTHEST: Final = 1e9
+"""Volume diagonals: at that distance float64 still tells a millionth of a diagonal apart."""
+
+Vector = NDArray[np.float64]
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Affine:
+    """A vector that depends linearly on the pixel: `at00 + column * by_column + row * by_row`.
+
+    Column 0, row 0 is the outer corner of the top left pixel; a pixel's centre is at +0.5.
+    """
+
+    at00: Vector
+    by_column: Vector
+    by_row: Vector
+
+    def at(self, column: float, row: float) -> Vector:
+        """The vector at a place in the picture."""
+        return np.asarray(self.at00 + column * self.by_column + row * self.by_row)
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """The rays of a picture through one level.
+
+    Attributes:
+        size: columns and rows of the picture.
+        eye_world: where perspective rays come from; on the start plane of orthographic ones.
+        forward_world: unit vector into the middle of the picture.
+        start_voxel: where a pixel's ray starts.
+        toward_world: the ray's direction, not of unit length.
+        planes_world: (n, 4) rows (normal, offset); a point p is in view if normal·p + offset >= 0
+            for all.
+        pixel_size: size of a pixel in world units, as `base + slope * depth`.
+    """
+
+    size: Size
+    eye_world: Vector
+    forward_world: Vector
+    start_voxel: Affine
+    toward_world: Affine
+    planes_world: NDArray[np.float64]
+    pixel_size: tuple[float, float]
+
+    @property
+    def main_axis(self) -> int:
+        """The world axis (0 = x) most along the view; on a tie the lowest."""
+        return int(np.argmax(np.abs(self.forward_world) - np.array([0.0, 1e-9, 2e-9])))
+
+    def depth_world(self, points_world: Vector) -> Vector:
+        """Distance of points (n, 3) from the eye's plane, negative behind it."""
+        return np.asarray((points_world - self.eye_world) @ self.forward_world)
+
+    def pixel_size_at(self, depth_world: float) -> float:
+        """World units across a pixel at a depth in front of the eye."""
+        base, slope = self.pixel_size
+        return base + slope * max(depth_world, 0.0)
+
+    def meets(self, low_world: Vector, high_world: Vector) -> NDArray[np.bool_]:
+        """Which boxes (..., 3) may be in view; conservative: never False for one that is."""
+        centre, half = (low_world + high_world) / 2, (high_world - low_world) / 2
+        normal, offset = self.planes_world[:, :3], self.planes_world[:, 3]
+        nearest = centre @ normal.T + half @ np.abs(normal).T + offset
+        # A thousandth of a box: more than float32 rays can stray.
+        slack = 1e-3 * np.linalg.norm(half, axis=-1, keepdims=True)
+        return np.asarray((nearest >= -slack).all(axis=-1))
+
+
+def checked_size(size: tuple[int, int], limit: int | None = None) -> Size:
+    """(width, height) of a picture.
+
+    Raises:
+        InvalidInputError: no two whole numbers, an empty picture, or a side beyond the limit.
+    """
+    sides = list(size) if isinstance(size, (tuple, list)) else []
+    whole = all(isinstance(n, (int, np.integer)) and not isinstance(n, bool) for n in sides)
+    if len(sides) != 2 or not whole or min(sides) < 1:
+        raise InvalidInputError(
+            f"picture size {size!r} must be (width, height) in pixels, both at least 1"
+        )
+    if limit is not None and max(sides) > limit:
+        raise InvalidInputError(
+            f"picture size {sides[0]}x{sides[1]} exceeds {limit} pixels a side, the limit of this "
+            "OpenGL driver; render a smaller picture",
+            size=[int(n) for n in sides],
+            limit=limit,
+        )
+    return int(sides[0]), int(sides[1])
+
+
+def make_view(camera: Camera, size: Size, level: SourceLevel) -> View:
+    """The rays of a camera's picture through a level.
+
+    Raises:
+        InvalidInputError: the camera is so far away, or its picture so wide, that positions in
+            the volume have no meaning any more.
+    """
+    width, height = size
+    right, up, forward = camera.basis_world()
+    eye = np.array(camera.eye_world_xyz)
+    low_world, high_world = box_world(Box.of_shape(level.shape_zyx), level)
+    spacing = np.array(level.spacing_xyz)
+    _require_near(camera, low_world, high_world)
+    start_depth = max(0.0, float(((_corners(low_world, high_world) - eye) @ forward).min()))
+
+    shorter = min(width, height)
+    if camera.fov_degrees is not None:
+        pixel = 2 * math.tan(math.radians(camera.fov_degrees) / 2) / shorter
+        toward = _pixel_grid(forward, pixel * right, -pixel * up, size)
+        start_world = Affine(
+            eye + start_depth * toward.at00,
+            start_depth * toward.by_column,
+            start_depth * toward.by_row,
+        )
+        pixel_size = (0.0, pixel)
+    else:
+        assert camera.height_world is not None
+        pixel = camera.height_world / shorter
+        toward = Affine(forward, np.zeros(3), np.zeros(3))
+        start_world = _pixel_grid(eye + start_depth * forward, pixel * right, -pixel * up, size)
+        pixel_size = (pixel, 0.0)
+    return View(
+        size=size,
+        eye_world=eye,
+        forward_world=forward,
+        start_voxel=Affine(
+            (start_world.at00 - low_world) / spacing,
+            start_world.by_column / spacing,
+            start_world.by_row / spacing,
+        ),
+        toward_world=toward,
+        planes_world=_side_planes(start_world, toward, eye, forward, size),
+        pixel_size=pixel_size,
+    )
+
+
+def _require_near(camera: Camera, low_world: Vector, high_world: Vector) -> None:
+    diagonal = float(np.linalg.norm(high_world - low_world))
+    offset = np.abs(np.array(camera.eye_world_xyz) - (low_world + high_world) / 2).max()
+    reach = max(float(offset), camera.height_world or 0.0)
+    if reach > FARTHEST * diagonal:
+        raise InvalidInputError(
+            f"camera: the eye or the picture reaches {reach:g} world units from the volume, whose "
+            f"diagonal is {diagonal:g}; stay within {FARTHEST:g} diagonals",
+            reach_world=reach,
+            diagonal_world=diagonal,
+        )
+
+
+def box_world(box: Box, level: SourceLevel) -> tuple[Vector, Vector]:
+    """Lowest and highest corner (x, y, z) of a box of a level's voxels."""
+    spacing = np.array(level.spacing_xyz)
+    low = np.array(level.origin_xyz) - spacing / 2
+    start, stop = np.array(box.start_zyx[::-1]), np.array(box.stop_zyx[::-1])
+    return low + spacing * start, low + spacing * stop
+
+
+def box_depths_world(view: View, box: Box, level: SourceLevel) -> tuple[float, float]:
+    """Nearest and farthest depth of a box's corners in front of the eye."""
+    depths = view.depth_world(_corners(*box_world(box, level)))
+    return float(depths.min()), float(depths.max())
+
+
+def _pixel_grid(middle: Vector, by_column: Vector, by_row: Vector, size: Size) -> Affine:
+    width, height = size
+    return Affine(middle - by_column * (width / 2) - by_row * (height / 2), by_column, by_row)
+
+
+def _corners(low: Vector, high: Vector) -> Vector:
+    pick = np.array([[(i >> axis) & 1 for axis in range(3)] for i in range(8)], dtype=bool)
+    return np.where(pick, high, low)
+
+
+def _side_planes(
+    start_world: Affine, toward_world: Affine, eye: Vector, forward: Vector, size: Size
+) -> NDArray[np.float64]:
+    """Planes through the picture's four edges and the eye, all facing inwards."""
+    width, height = size
+    corners = [(0, 0), (width, 0), (width, height), (0, height)]
+    planes = [(forward, -float(forward @ eye))]
+    for i, (a, b) in enumerate(zip(corners, corners[1:] + corners[:1], strict=True)):
+        along_edge = start_world.by_column if i % 2 == 0 else start_world.by_row
+        if not along_edge.any():  # the eye is inside: all rays start in one point
+            along_edge = toward_world.by_column if i % 2 == 0 else toward_world.by_row
+        normal = np.cross(toward_world.at(*a), along_edge)
+        normal /= np.linalg.norm(normal)
+        through = start_world.at(*b)
+        inside = start_world.at(width / 2, height / 2) + toward_world.at(width / 2, height / 2)
+        if normal @ (inside - through) < 0:
+            normal = -normal
+        planes.append((normal, -float(normal @ through)))
+    return np.array([[*normal, offset] for normal, offset in planes])

@@ -1,0 +1,39 @@
+"""A volume on disk fits the protocol, and looks as the same bricks in memory do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from octobrick.codec import S3dc
+from octobrick.renderer import BrickSource, Camera, Renderer, TransferFunction
+from octobrick.store import ingest, open_volume
+
+from .array_source import ArraySource
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.mark.parametrize("codec", [S3dc(), None])
+def test_a_stored_volume_looks_as_in_memory(
+    renderer: Renderer, blobs: NDArray[np.uint8], tmp_path: Path, codec: S3dc | None
+) -> None:
+    np.save(tmp_path / "blobs.npy", blobs)
+    ingest(tmp_path / "blobs.npy", tmp_path / "blobs.zarr", codec=codec, brick=16)
+    memory = ArraySource(blobs, codec=codec, brick=16)
+    function = TransferFunction.preset("ct-soft-tissue")
+    with open_volume(tmp_path / "blobs.zarr") as volume:
+        source: BrickSource = volume  # what mypy checks
+        assert len(source.levels) == len(memory.levels)
+        for level in range(len(memory.levels)):
+            camera = Camera.orbit(source, 30, 20)
+            found, wanted = (
+                renderer.render(each, camera, function, (50, 40), window=(0, 250), level=level)
+                for each in (source, memory)
+            )
+            np.testing.assert_array_equal(found.premultiplied, wanted.premultiplied)
+            assert found.fidelity == wanted.fidelity
+            assert found.stats.bricks == wanted.stats.bricks

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from octobrick.codec.errors import InvalidInputError
+from octobrick.renderer import Fidelity, RenderedImage, RenderStats
+from octobrick.renderer.budget import parse_nbytes
+from octobrick.renderer.image import checked_background, finish
+
+PREMULTIPLIED = np.array([[[0.25, 0.5, 0.0, 0.5], [0, 0, 0, 0]]], np.float32)
+
+
+def picture(background: Any) -> RenderedImage:
+    stats = RenderStats(0, {"total": 1}, 1, 1, 0, 0, 0, 0, 1.0, 1.0, (0.0, 1.0), {"cast": 1.0}, "x")
+    rgba = finish(PREMULTIPLIED, background)
+    return RenderedImage(rgba, PREMULTIPLIED, Fidelity(0, 0, 0.0, True), stats)
+
+
+def test_without_background_alpha_is_straight() -> None:
+    assert finish(PREMULTIPLIED, None).tolist() == [[[128, 255, 0, 128], [0, 0, 0, 0]]]
+
+
+def test_a_background_shows_through_what_is_thin() -> None:
+    found = finish(PREMULTIPLIED, (1.0, 0.0, 0.2)).tolist()
+    assert found == [[[191, 128, 26, 255], [255, 0, 51, 255]]]
+
+
+def test_png_is_rgb_where_opaque_and_rgba_else() -> None:
+    for background, mode in (((0, 0, 0), "RGB"), (None, "RGBA")):
+        image = picture(background)
+        read = Image.open(io.BytesIO(image.png()))
+        assert read.mode == mode
+        np.testing.assert_array_equal(np.asarray(read), image.rgba[..., : len(mode)])
+
+
+def test_save_writes_png_and_refuses_other_names(tmp_path: Path) -> None:
+    picture(None).save(tmp_path / "a.PNG")
+    assert (tmp_path / "a.PNG").read_bytes() == picture(None).png()
+    with pytest.raises(InvalidInputError, match=r"ends in \.png"):
+        picture(None).save(tmp_path / "a.jpg")
+    assert not (tmp_path / "a.jpg").exists()
+
+
+def test_fidelity_and_stats_are_json_ready() -> None:
+    image = picture(None)
+    assert json.loads(json.dumps(image.fidelity.to_dict()))["converged"] is True
+    assert json.loads(json.dumps(image.stats.to_dict()))["window"] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("background", [(0, 0), (0, 0, 2), (0, 0, -0.1), "red", 3, (0, 0, None)])
+def test_impossible_backgrounds_are_refused(background: Any) -> None:
+    with pytest.raises(InvalidInputError, match="background"):
+        checked_background(background)
+
+
+@pytest.mark.parametrize(
+    ("size", "nbytes"),
+    [(1, 1), ("1", 1), ("512MiB", 512 << 20), ("1.5 GB", 1_500_000_000), (" 2kib ", 2048)],
+)
+def test_sizes_are_read_with_their_unit(size: Any, nbytes: int) -> None:
+    assert parse_nbytes(size) == nbytes
+
+
+@pytest.mark.parametrize("size", [0, -1, "", "MiB", "1 XB", "-1MB", 1.5, None, True, "1e9", "0"])
+def test_what_is_no_size_is_refused(size: Any) -> None:
+    with pytest.raises(InvalidInputError, match="size"):
+        parse_nbytes(size)
