@@ -153,3 +153,27 @@ def test_shapes_that_differ_are_refused_with_both_named() -> None:
     for metric in (metrics.compare, metrics.max_error, metrics.psnr, metrics.ssim):
         with pytest.raises(InvalidInputError, match=r"\(3, 4\) and \(4, 3\)"):
             metric(np.zeros((3, 4)), np.zeros((4, 3)))
+
+
+def test_angular_error_is_the_angle_in_degrees() -> None:
+    a = np.array([[1, 0, 0], [0, 2, 0], [1, 1, 0], [1, 0, 0]], np.float32)
+    b = np.array([[0, 3, 0], [0, -1, 0], [5, 5, 0], [1, 1e-6, 0]])
+    np.testing.assert_allclose(
+        metrics.angular_error(a, b), [90, 180, 0, np.degrees(1e-6)], rtol=1e-9, atol=1e-12
+    )
+
+
+def test_angular_error_with_zero_vectors_is_0_for_two_and_90_for_one() -> None:
+    a, b = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0]]), np.array([[0, 0, 0], [1, 0, 0], [0, 0, 0]])
+    np.testing.assert_array_equal(metrics.angular_error(a, b), [0, 90, 90])
+
+
+def test_angular_error_bears_any_length_and_shows_nan() -> None:
+    a = np.array([[5e-324, 0, 0], [1e308, 1e308, 0], [np.nan, 0, 0], [np.inf, 1, 0]])
+    b = np.array([[0, 1e308, 0], [5e-324, 5e-324, 0], [1, 0, 0], [1, 0, 0]])
+    np.testing.assert_array_equal(metrics.angular_error(a, b), [90, 0, np.nan, np.nan])
+
+
+def test_angular_error_refuses_what_has_no_three_components() -> None:
+    with pytest.raises(InvalidInputError, match="last axis"):
+        metrics.angular_error(np.zeros((3, 2)), np.zeros((3, 2)))

@@ -5,8 +5,8 @@ Everything here is a pure function or an immutable value, safe to use from many 
 
 from __future__ import annotations
 
-from octobrick.codec import errors, metrics, reduce
+from octobrick.codec import deblock, errors, gradients, metrics, reduce
 from octobrick.codec.metrics import ErrorStats
 from octobrick.codec.s3dc import S3dc
 
-__all__ = ["ErrorStats", "S3dc", "errors", "metrics", "reduce"]
+__all__ = ["ErrorStats", "S3dc", "deblock", "errors", "gradients", "metrics", "reduce"]

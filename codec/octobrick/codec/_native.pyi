@@ -60,3 +60,48 @@ def mean2_into(fine: object, coarse: object, threads: int = 0, simd: bool = True
 
 def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]:
     """Count, max |a - b|, sum of (a - b)^2; whole for integer arrays."""
+
+class DeblockLimit(enum.Enum):
+    """How a bound limits a change; see deblock.h."""
+
+    AUTO = 0
+
+    RAMP = 1
+
+    CLAMP = 2
+
+def deblock_into(
+    volume: object,
+    out: object,
+    block: tuple[int, int, int],
+    strength: float,
+    value_range: float,
+    bounds: object | None,
+    sequential: bool,
+    limit: DeblockLimit,
+    threads: int = 0,
+    simd: bool = True,
+) -> int | None:
+    """The filtered volume; the first voxel that is not finite, or None."""
+
+MAX_REDUCE_RADIUS: int = 16
+
+def central_differences_into(
+    volume: object, spacing_zyx: tuple[float, float, float], gradient: object, threads: int = 0
+) -> int | None:
+    """The gradient of a volume; the first voxel that is not finite, or None."""
+
+def reduce_gradient_into(
+    fine: object, coarse: object, radius: int, sigma: float, threads: int = 0
+) -> None:
+    """The gradient at half resolution."""
+
+def encode_directions_into(
+    vectors: object, codes: object, threads: int = 0, simd: bool = True
+) -> int | None:
+    """The codes of vectors; the first that is not finite, or None."""
+
+def decode_directions_into(
+    codes: object, vectors: object, threads: int = 0, simd: bool = True
+) -> None:
+    """The unit vectors of codes."""

@@ -72,3 +72,21 @@ def require_volume(array: Voxels, what: str = "the array") -> Voxels:
             shape=list(array.shape),
         )
     return array.astype(dtype, copy=False)
+
+
+def contiguous(array: Voxels) -> Voxels:
+    """The array C-contiguous, aligned and in native byte order; copied only where it is not so."""
+    return np.require(array, array.dtype.newbyteorder("="), ["C_CONTIGUOUS", "ALIGNED"])
+
+
+def require_threads(threads: int | None) -> int:
+    """The number of threads as the native code takes it, where 0 lets it choose.
+
+    Raises:
+        InvalidInputError: below 1, or above 1024.
+    """
+    if threads is None:
+        return 0
+    if not 1 <= threads <= 1024:
+        raise InvalidInputError(f"threads is {threads}; give 1 to 1024, or None", threads=threads)
+    return threads

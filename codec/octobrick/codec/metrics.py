@@ -1,4 +1,4 @@
-"""How far decoded data are from the original: max error, RMSE, PSNR and SSIM.
+"""How far decoded data are from the original: max error, RMSE, PSNR, SSIM, angles.
 
 All functions are pure and thread-safe. Where a `peak` is wanted and none is given, it is the value
 range of the first array (its maximum − minimum), whatever its type: the range of the type says
@@ -134,6 +134,43 @@ def ssim(a: Voxels, b: Voxels, peak: float | None = None) -> float:
             shape=list(a.shape),
         )
     return _mean_ssim(a.astype(np.float64), b.astype(np.float64), peak)
+
+
+def angular_error(a: Voxels, b: Voxels) -> NDArray[np.float64]:
+    """The angle between two fields of vectors, in degrees, at every place.
+
+    Lengths do not matter, and may be anything from 5e-324 to 1e308; differences down to 1e-8
+    degrees are told. Where both vectors are zero the angle is 0; where one is, and so says nothing
+    of its direction, it is 90. NaN and ±Inf give NaN.
+
+    Args:
+        a: vectors (…, 3), of any numeric type.
+        b: of the same shape.
+
+    Returns:
+        float64 of the shape without the last axis, 0 to 180.
+
+    Raises:
+        InvalidInputError: the shapes differ, or the last axis is not 3 long.
+    """
+    a, b = _same_shape(a, b)
+    if a.ndim == 0 or a.shape[-1] != 3:
+        raise InvalidInputError(
+            f"vectors of shape {a.shape} have no angle; the last axis must hold (x, y, z)",
+            shape=list(a.shape),
+        )
+    a, b = _longest_component_one(a), _longest_component_one(b)
+    sine = np.linalg.norm(np.cross(a, b), axis=-1)
+    degrees: NDArray[np.float64] = np.degrees(np.arctan2(sine, (a * b).sum(axis=-1)))
+    return np.where(a.any(axis=-1) == b.any(axis=-1), degrees, 90.0)
+
+
+def _longest_component_one(vectors: Voxels) -> NDArray[np.float64]:
+    wide = vectors.astype(np.float64)
+    greatest = np.abs(wide).max(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore"):  # inf / inf is the NaN that the caller shall see
+        scaled: NDArray[np.float64] = wide / np.where(greatest == 0, 1, greatest)
+    return scaled
 
 
 def _mean_ssim(a: NDArray[np.float64], b: NDArray[np.float64], peak: float) -> float:

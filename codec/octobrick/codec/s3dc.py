@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from octobrick.codec import _native
-from octobrick.codec.arrays import Voxels, Zyx, require_dtype, require_extents, require_volume
+from octobrick.codec.arrays import (
+    Voxels,
+    Zyx,
+    require_dtype,
+    require_extents,
+    require_threads,
+    require_volume,
+)
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError, NotFiniteError
 
 if TYPE_CHECKING:
@@ -76,7 +83,7 @@ class S3dc:
             UnsupportedError: another sample type.
         """
         array = require_volume(array)
-        result = _native.encode(array, self.block, self.bits, _thread_count(threads))
+        result = _native.encode(array, self.block, self.bits, require_threads(threads))
         if isinstance(result, bytes):
             return result
         if result.status is _native.Status.NOT_FINITE:
@@ -119,7 +126,7 @@ class S3dc:
                 given_nbytes=view.nbytes,
             )
         out: Voxels = np.empty(shape_zyx, sample_dtype)
-        outcome = _native.decode_into(view, out, self.block, self.bits, _thread_count(threads))
+        outcome = _native.decode_into(view, out, self.block, self.bits, require_threads(threads))
         if outcome.status is not _native.Status.OK:
             raise _corrupt(outcome)
         return out
@@ -184,14 +191,6 @@ class S3dc:
         if isinstance(layout, tuple):
             return layout
         raise _too_large(shape_zyx)
-
-
-def _thread_count(threads: int | None) -> int:
-    if threads is None:
-        return 0
-    if not 1 <= threads <= 1024:
-        raise InvalidInputError(f"threads is {threads}; give 1 to 1024, or None", threads=threads)
-    return threads
 
 
 def _too_large(shape: tuple[Any, ...]) -> InvalidInputError:

@@ -1,0 +1,7 @@
+// What each file of bindings adds to the module.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+void bind_deblock(nanobind::module_& m);
+void bind_gradients(nanobind::module_& m);
