@@ -13,6 +13,7 @@
 #include "octobrick/codec/error_stats.h"
 #include "octobrick/codec/reduce.h"
 #include "octobrick/codec/s3dc.h"
+#include "zerobit.h"
 
 namespace nb = nanobind;
 using namespace octobrick::codec;
@@ -207,4 +208,6 @@ NB_MODULE(_native, m) {
         "compare", &compare_arrays, nb::arg("a"), nb::arg("b"), nb::arg("simd") = true,
         nb::sig("def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]"),
         "Count, max |a - b|, sum of (a - b)^2; whole for integer arrays.");
+
+    bind_zerobit(m);
 }

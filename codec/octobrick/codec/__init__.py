@@ -8,5 +8,15 @@ from __future__ import annotations
 from octobrick.codec import errors, metrics, reduce
 from octobrick.codec.metrics import ErrorStats
 from octobrick.codec.s3dc import S3dc
+from octobrick.codec.zerobit import Codebook, Zerobit, ZerobitStats
 
-__all__ = ["ErrorStats", "S3dc", "errors", "metrics", "reduce"]
+__all__ = [
+    "Codebook",
+    "ErrorStats",
+    "S3dc",
+    "Zerobit",
+    "ZerobitStats",
+    "errors",
+    "metrics",
+    "reduce",
+]
