@@ -101,7 +101,7 @@ def colour_of(
     given = np.atleast_1d(np.asarray(value, np.float64))
     if given.shape not in ((1,), (channels,)):
         raise InvalidInputError(f"background is {value}; give one number, or one per channel")
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # compared below
         samples = np.clip(given, *_limits(dtype)).astype(dtype)
     if not np.array_equal(samples.astype(np.float64), given):
         raise InvalidInputError(
