@@ -51,7 +51,6 @@ bool read_all(std::span<const std::byte> given, std::span<const std::byte> codeb
     if (s.z * s.y * s.x > kMostVoxels) return false;
     const std::size_t unit = h.channels * sample_nbytes(h.type);
     const bool sound = reader->check().status == ZerobitStatus::ok;
-    require(sound == (reader->check(2).status == ZerobitStatus::ok));
 
     Block volume(s.z * s.y * s.x * unit), cell(64 * unit), plane(16 * unit), voxel(unit);
     if (sound) {
@@ -60,7 +59,7 @@ bool read_all(std::span<const std::byte> given, std::span<const std::byte> codeb
             const std::size_t round = (std::size_t{1} << level) - 1;
             Block coarse(((s.z + round) >> level) * ((s.y + round) >> level) *
                          ((s.x + round) >> level) * unit);
-            reader->level(level, coarse.bytes.get(), 2);
+            reader->level(level, coarse.bytes.get());
         }
         const ZerobitStats stats = reader->stats();
         require(stats.details <= 63 * stats.cells);

@@ -148,17 +148,16 @@ ZerobitStats ZerobitReader::stats() const {
     ZerobitStats stats;
     for (std::size_t index = 0; index < header_.blocks; ++index) {
         const std::uint8_t* const from = block(index);
-        if (from[0] == 0) continue;
-        const BlockView view(from);
         for (unsigned number = 0; number < kCells; ++number) {
-            if (!view.has(number)) continue;
-            const CellView cell(view, number);
-            const unsigned level1 = static_cast<unsigned>(std::popcount(cell.zerobits));
+            const std::uint8_t* const info = find_cell(from, number);
+            if (info == nullptr) continue;
+            const CellView cell(info, streams_of(from));
+            const auto level1 = static_cast<unsigned>(std::popcount(*cell.zerobits));
             stats.cells += 1;
             stats.null_nodes[0] += 1 - cell.level0;
             stats.null_nodes[1] += 8 - level1;
             for (unsigned m = 0; m < cell.level0 + level1; ++m) {
-                stats.details += static_cast<std::size_t>(std::popcount(cell.maps[m] & 0x7fu));
+                stats.details += static_cast<std::size_t>(std::popcount(cell.maps()[m] & 0x7fu));
             }
         }
     }

@@ -1,6 +1,7 @@
 #include <algorithm>
 
 #include "guarded_parallel.h"
+#include "simd.h"
 #include "zerobit_reader.h"
 #include "zerobit_synthesis.h"
 
@@ -30,22 +31,81 @@ class Reader final : public ZerobitReader {
     }
 
     void voxels(std::span<const Zyx> at, std::byte* out) const override {
-        for (const Zyx& p : at) {
-            const std::uint8_t* from = block(block_of({p.z / kCell, p.y / kCell, p.x / kCell}));
-            const auto z = static_cast<unsigned>(p.z), y = static_cast<unsigned>(p.y),
-                       x = static_cast<unsigned>(p.x);
-            const unsigned number = 16 * (z / 4 % 4) + 4 * (y / 4 % 4) + x / 4 % 4;
-            if (from[0] != 0 && BlockView(from).has(number)) {
-                const CellView cell(BlockView(from), number);
-                put(synthesis_.voxel(cell, z % 4, y % 4, x % 4), out);
-            } else {
-                put_background(out);
-            }
-            out += kUnit;
-        }
+        bits_ ? voxels_with_bits(at, out) : read_voxels(at, out);
     }
 
     void plane(Zyx cell, unsigned axis, unsigned offset, std::byte* out) const override {
+        bits_ ? plane_with_bits(cell, axis, offset, out) : read_plane(cell, axis, offset, out);
+    }
+
+    void cell(Zyx cell, std::byte* out) const override {
+        bits_ ? cell_with_bits(cell, out) : read_whole_cell(cell, out);
+    }
+
+    void level(unsigned level, std::byte* out, unsigned threads) const override {
+        const std::size_t nbytes = header_.shape.z * header_.shape.y * header_.shape.x * kUnit;
+        threads = choose_threads(threads, nbytes >> (3 * level), header_.blocks);
+        const Zyx shape = ceil_div(header_.shape, std::size_t{1} << level);
+        guarded_parallel_for(header_.blocks, threads, [&](std::size_t index, unsigned) {
+            bits_ ? level_with_bits(level, index, shape, out)
+                  : level_block(level, index, shape, out);
+        });
+    }
+
+  private:
+    // The same bodies twice: see simd.h.
+    OCTOBRICK_BITS_TARGET void voxels_with_bits(std::span<const Zyx> at, std::byte* out) const {
+        read_voxels(at, out);
+    }
+    OCTOBRICK_BITS_TARGET void plane_with_bits(Zyx cell, unsigned axis, unsigned offset,
+                                               std::byte* out) const {
+        read_plane(cell, axis, offset, out);
+    }
+    OCTOBRICK_BITS_TARGET void cell_with_bits(Zyx cell, std::byte* out) const {
+        read_whole_cell(cell, out);
+    }
+    OCTOBRICK_BITS_TARGET void level_with_bits(unsigned level, std::size_t index, Zyx shape,
+                                               std::byte* out) const {
+        level_block(level, index, shape, out);
+    }
+
+    // A code is small, but positions may lie anywhere in it: a few are looked up together, step by
+    // step, so that the memory of one is fetched while others are worked on.
+    void read_voxels(std::span<const Zyx> at, std::byte* out) const {
+        constexpr std::size_t kTogether = 32;
+        for (; !at.empty(); at = at.subspan(std::min(at.size(), kTogether))) {
+            const std::size_t count = std::min(at.size(), kTogether);
+            const std::uint8_t* from[kTogether];
+            for (std::size_t k = 0; k < count; ++k) {
+                from[k] = block(block_of({at[k].z / kCell, at[k].y / kCell, at[k].x / kCell}));
+                __builtin_prefetch(from[k]);
+            }
+            const std::uint8_t* info[kTogether];
+            for (std::size_t k = 0; k < count; ++k) {
+                info[k] = find_cell(from[k], number_of(at[k]));
+                __builtin_prefetch(info[k]);
+            }
+            CellView cells[kTogether];
+            for (std::size_t k = 0; k < count; ++k) {
+                if (info[k] == nullptr) continue;
+                cells[k] = CellView(info[k], streams_of(from[k]));
+                __builtin_prefetch(cells[k].zerobits);
+                __builtin_prefetch(cells[k].details);
+            }
+            for (std::size_t k = 0; k < count; ++k, out += kUnit) {
+                if (info[k] == nullptr) {
+                    put_background(out);
+                    continue;
+                }
+                const auto z = static_cast<unsigned>(at[k].z % kCell),
+                           y = static_cast<unsigned>(at[k].y % kCell),
+                           x = static_cast<unsigned>(at[k].x % kCell);
+                put(synthesis_.voxel(cells[k], z, y, x), out);
+            }
+        }
+    }
+
+    void read_plane(Zyx cell, unsigned axis, unsigned offset, std::byte* out) const {
         Part nodes[3], halves[3];
         nodes[axis] = Part::one(offset / 2);
         halves[axis] = Part::one(offset % 2);
@@ -56,31 +116,28 @@ class Reader final : public ZerobitReader {
         });
     }
 
-    void cell(Zyx cell, std::byte* out) const override {
+    void read_whole_cell(Zyx cell, std::byte* out) const {
         const Part all[3];
         read_cell(cell, all, all, 64, out,
                   [](unsigned z, unsigned y, unsigned x) { return 16 * z + 4 * y + x; });
     }
 
-    void level(unsigned level, std::byte* out, unsigned threads) const override {
-        const std::size_t nbytes = header_.shape.z * header_.shape.y * header_.shape.x * kUnit;
-        threads = choose_threads(threads, nbytes >> (3 * level), header_.blocks);
-        const Zyx shape = ceil_div(header_.shape, std::size_t{1} << level);
-        guarded_parallel_for(header_.blocks, threads, [&](std::size_t index, unsigned) {
-            level_block(level, index, shape, out);
-        });
+    // The number in its unit block of a voxel's cell.
+    static unsigned number_of(Zyx voxel) {
+        return static_cast<unsigned>(16 * (voxel.z / 4 % 4) + 4 * (voxel.y / 4 % 4) +
+                                     voxel.x / 4 % 4);
     }
 
-  private:
     std::size_t block_of(Zyx cell) const {
         return (cell.z / 4 * header_.grid.y + cell.y / 4) * header_.grid.x + cell.x / 4;
     }
 
-    void put(const V& value, std::byte* out) const {
-        T samples[Channels];
-        for (unsigned c = 0; c < Channels; ++c) {
-            samples[c] = static_cast<T>(std::clamp(value.at[c], least_, greatest_));
+    void put(V value, std::byte* out) const {
+        for (unsigned i = 0; i < V::kLanes; ++i) {
+            value.at[i] = std::min(std::max(value.at[i], least_), greatest_);
         }
+        T samples[Channels];
+        for (unsigned c = 0; c < Channels; ++c) samples[c] = static_cast<T>(value.at[c]);
         std::memcpy(out, samples, sizeof samples);
     }
 
@@ -92,11 +149,12 @@ class Reader final : public ZerobitReader {
                    std::byte* out, const Place& place) const {
         const std::uint8_t* from = block(block_of(at));
         const auto number = static_cast<unsigned>(16 * (at.z % 4) + 4 * (at.y % 4) + at.x % 4);
-        if (from[0] == 0 || !BlockView(from).has(number)) {
+        const std::uint8_t* info = find_cell(from, number);
+        if (info == nullptr) {
             for (unsigned k = 0; k < count; ++k) put_background(out + k * kUnit);
             return;
         }
-        synthesis_.each_voxel(CellView(BlockView(from), number), nodes, halves,
+        synthesis_.each_voxel(CellView(info, streams_of(from)), nodes, halves,
                               [&](unsigned z, unsigned y, unsigned x, const V& value) {
                                   put(value, out + place(z, y, x) * kUnit);
                               });
@@ -127,12 +185,13 @@ class Reader final : public ZerobitReader {
 
     void level_cell(unsigned level, const std::uint8_t* from, unsigned number,
                     std::byte* out) const {
-        if (from[0] == 0 || !BlockView(from).has(number)) {
+        const std::uint8_t* info = find_cell(from, number);
+        if (info == nullptr) {
             const unsigned count = static_cast<unsigned>(kCells) >> (3 * level);
             for (unsigned k = 0; k < count; ++k) put_background(out + k * kUnit);
             return;
         }
-        const CellView cell(BlockView(from), number);
+        const CellView cell(info, streams_of(from));
         const Part all[3];
         V values[8];
         switch (level) {
@@ -153,6 +212,7 @@ class Reader final : public ZerobitReader {
     Synthesis<V> synthesis_;
     Arithmetic least_, greatest_;
     T background_[Channels];
+    bool bits_ = has_avx2();  // all processors that have AVX2 count bits
 };
 
 template <unsigned Channels>

@@ -27,7 +27,7 @@ struct FullCell {
         bytes[kStreams] = bytes[kStreams + 1] = 0xff;
     }
 
-    CellView view() const { return CellView(BlockView(bytes), 0); }
+    CellView view() const { return CellView(find_cell(bytes, 0), streams_of(bytes)); }
 
     std::uint8_t bytes[kStreams + 10 + 63 + kTailNbytes] = {};
 };

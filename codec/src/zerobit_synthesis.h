@@ -17,48 +17,49 @@ constexpr std::uint64_t low_bits(unsigned n) {
     return n >= 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << n) - 1;
 }
 
-// A unit block that has been checked, and is not void.
-struct BlockView {
-    explicit BlockView(const std::uint8_t* from)
-        : flags(load<std::uint64_t>(from + 1)),
-          info(from + 9),
-          streams(info + kCellInfoNbytes * from[0]) {}
+// Of a unit block that has been checked: the information of one of its cells, null where it is.
+inline const std::uint8_t* find_cell(const std::uint8_t* block, unsigned cell) {
+    if (block[0] == 0) return nullptr;
+    const auto flags = load<std::uint64_t>(block + 1);
+    if ((flags >> cell & 1) == 0) return nullptr;
+    const auto before = static_cast<unsigned>(std::popcount(flags & low_bits(cell)));
+    return block + 9 + kCellInfoNbytes * before;
+}
 
-    bool has(unsigned cell) const { return (flags >> cell & 1) != 0; }
+// ZSMS, and DIS behind it, of a unit block that is not void.
+inline const std::uint8_t* streams_of(const std::uint8_t* block) {
+    return block + 9 + kCellInfoNbytes * block[0];
+}
 
-    std::uint64_t flags;
-    const std::uint8_t* info;
-    const std::uint8_t* streams;  // ZSMS, then DIS
-};
-
-// What one cell of it holds: the paper's cell information, decoded.
+// The paper's cell information, decoded.
 struct CellView {
-    CellView(const BlockView& block, unsigned cell) {
-        const auto before = std::popcount(block.flags & low_bits(cell));
-        const std::uint8_t* info = block.info + kCellInfoNbytes * static_cast<unsigned>(before);
+    CellView() = default;
+    CellView(const std::uint8_t* info, const std::uint8_t* streams) {
         const auto zerobit = load<std::uint16_t>(info + 3);
         average = info[0];
-        details = block.streams + load<std::uint16_t>(info + 1);
-        zerobits = block.streams[zerobit & 0x7fffu];
-        maps = block.streams + (zerobit & 0x7fffu) + 1;
+        details = streams + load<std::uint16_t>(info + 1);
+        zerobits = streams + (zerobit & 0x7fffu);
         level0 = zerobit >> 15;
     }
 
+    bool has(unsigned node) const { return (*zerobits >> node & 1) != 0; }
+    const std::uint8_t* maps() const { return zerobits + 1; }
+
     // Maps before that of level-1 node `node` (0 to 7).
     unsigned maps_before(unsigned node) const {
-        return level0 + static_cast<unsigned>(std::popcount(zerobits & low_bits(node)));
+        return level0 + static_cast<unsigned>(std::popcount(*zerobits & low_bits(node)));
     }
 
     // Details in the first `count` maps, count <= 8. Loads 8 bytes: the code ends with as many.
     unsigned details_in(unsigned count) const {
         return static_cast<unsigned>(
-            std::popcount(load<std::uint64_t>(maps) & kDetailBits & low_bits(8 * count)));
+            std::popcount(load<std::uint64_t>(maps()) & kDetailBits & low_bits(8 * count)));
     }
 
-    std::uint8_t average;
-    unsigned zerobits, level0;
-    const std::uint8_t* maps;
-    const std::uint8_t* details;
+    const std::uint8_t* zerobits = nullptr;  // the byte of level 1
+    const std::uint8_t* details = nullptr;
+    unsigned level0 = 0;  // its zerobit
+    std::uint8_t average = 0;
 };
 
 // Calls f(j, index) for every detail of a map, j being 1 to 7.
@@ -88,7 +89,7 @@ struct Synthesis {
             const unsigned at = 4 * x + 2 * y + z;  // as the letters of j lie
             V value = from;
             for_each_detail(map, details, [&](unsigned j, std::uint8_t index) {
-                value = add_or_subtract((std::popcount(at & j) & 1) != 0, value, detail[index]);
+                value = value.plus(detail[index], (std::popcount(at & j) & 1) != 0);
             });
             return value;
         } else {
@@ -110,19 +111,19 @@ struct Synthesis {
     V voxel(const CellView& cell, unsigned z, unsigned y, unsigned x) const {
         V value = average[cell.average];
         if (cell.level0 != 0) {
-            value = apply(value, cell.maps[0], cell.details, z / 2, y / 2, x / 2);
+            value = apply(value, cell.maps()[0], cell.details, z / 2, y / 2, x / 2);
         }
         const unsigned node = 4 * (z / 2) + 2 * (y / 2) + x / 2;
-        if ((cell.zerobits >> node & 1) == 0) return value;
+        if (!cell.has(node)) return value;
         const unsigned before = cell.maps_before(node);
-        return apply(value, cell.maps[before], cell.details + cell.details_in(before), z % 2, y % 2,
-                     x % 2);
+        return apply(value, cell.maps()[before], cell.details + cell.details_in(before), z % 2,
+                     y % 2, x % 2);
     }
 
     // The averages of the wanted nodes, one per 2^3 voxels.
     void averages(const CellView& cell, Part z, Part y, Part x, V (&values)[8]) const {
         if (cell.level0 != 0) {
-            apply(average[cell.average], cell.maps[0], cell.details, z, y, x, values);
+            apply(average[cell.average], cell.maps()[0], cell.details, z, y, x, values);
         } else {
             std::fill(values, values + 8, average[cell.average]);
         }
@@ -139,9 +140,9 @@ struct Synthesis {
             for (unsigned y = nodes[1].begin; y < nodes[1].end; ++y) {
                 for (unsigned x = nodes[2].begin; x < nodes[2].end; ++x) {
                     const unsigned node = 4 * z + 2 * y + x;
-                    if ((cell.zerobits >> node & 1) != 0) {
+                    if (cell.has(node)) {
                         const unsigned before = cell.maps_before(node);
-                        apply(parents[node], cell.maps[before],
+                        apply(parents[node], cell.maps()[before],
                               cell.details + cell.details_in(before), hz, hy, hx, values);
                     } else {
                         std::fill(values, values + 8, parents[node]);
