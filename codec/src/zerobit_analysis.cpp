@@ -5,6 +5,7 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <numeric>
 
 #include "faults.h"
 #include "guarded_parallel.h"
@@ -110,15 +111,23 @@ struct Ranking {
         return colour;
     }
 
+    // Whether rounded(sum) is 0, or for the average the background; `above` is what it is more.
+    bool rounds_to_null(double sum, double above, unsigned coefficient, unsigned channel) const {
+        if (type == SampleType::f32) {
+            return rounded(sum, coefficient) == (coefficient == 0 ? background[channel] : 0.0);
+        }
+        const double half = divisor(coefficient) / 2;
+        return above >= -half && above < half;
+    }
+
     // 0 for a coefficient that rounds to null; else its rank, which is positive.
     double rank(const CellSums& sums, unsigned coefficient) const {
         double squares = 0;
         bool null = true;
         for (unsigned c = 0; c < channels; ++c) {
             double sum = sums.of[c][coefficient];
-            const double zero = coefficient == 0 ? background[c] : 0.0;
-            null = null && rounded(sum, coefficient) == zero;
-            sum -= 64 * zero;
+            if (coefficient == 0) sum -= 64 * background[c];
+            null = null && rounds_to_null(sums.of[c][coefficient], sum, coefficient, c);
             squares += sum * sum;
         }
         if (null) return 0;
@@ -159,6 +168,13 @@ std::vector<double> ranks_of(const Analysis& a, std::size_t block) {
     return ranks;
 }
 
+// The part of a budget for `of` of `all` coefficients, no more than there are.
+std::size_t share(double budget, std::size_t of, std::size_t all) {
+    if (of == 0) return 0;
+    const double part = budget * static_cast<double>(of) / static_cast<double>(all);
+    return std::min(of, static_cast<std::size_t>(std::floor(part + 0.5)));
+}
+
 // The count-th greatest; infinity for none.
 double nth_greatest(std::vector<double>& ranks, std::size_t count) {
     if (count == 0) return std::numeric_limits<double>::infinity();
@@ -167,34 +183,39 @@ double nth_greatest(std::vector<double>& ranks, std::size_t count) {
     return *nth;
 }
 
-// The count-th greatest rank of all blocks, without holding all: 16 bits are found per pass, for
-// positive doubles are ordered like the integers of their bits.
-double nth_greatest_of_all(const Analysis& a, std::size_t count, unsigned threads) {
-    constexpr unsigned kDigitBits = 16;
-    if (count == 0) return std::numeric_limits<double>::infinity();
-    std::uint64_t prefix = 0;
-    for (unsigned shift = 64; shift != 0;) {
-        const unsigned above = shift;
-        shift -= kDigitBits;
-        std::vector<std::vector<std::size_t>> counts(
-            threads, std::vector<std::size_t>(std::size_t{1} << kDigitBits));
-        guarded_parallel_for(a.blocks(), threads, [&](std::size_t block, unsigned worker) {
-            for (const double rank : ranks_of(a, block)) {
-                const auto bits = std::bit_cast<std::uint64_t>(rank);
-                if (above == 64 || bits >> above == prefix) {
-                    ++counts[worker][bits >> shift & 0xffffu];
-                }
-            }
-        });
-        std::size_t digit = counts[0].size();
-        for (std::size_t here = 0; digit-- > 0; count -= here) {
-            here = 0;
-            for (const auto& of_worker : counts) here += of_worker[digit];
-            if (here >= count) break;
-        }
-        prefix = prefix << kDigitBits | digit;
+// The threshold of all blocks together: the rank of the one that just lives. Positive doubles are
+// ordered like the integers of their bits, of which the upper 16 are found first; then only ranks
+// that begin with these are held.
+double global_threshold(const Analysis& a, double budget, unsigned threads) {
+    constexpr unsigned kShift = 48;
+    const auto leading = [](double rank) { return std::bit_cast<std::uint64_t>(rank) >> kShift; };
+    std::vector<std::vector<std::size_t>> counts(threads, std::vector<std::size_t>(1u << 16));
+    guarded_parallel_for(a.blocks(), threads, [&](std::size_t block, unsigned worker) {
+        for (const double rank : ranks_of(a, block)) ++counts[worker][leading(rank)];
+    });
+    std::size_t alive = 0;
+    for (const auto& of_worker : counts) {
+        alive = std::accumulate(of_worker.begin(), of_worker.end(), alive);
     }
-    return std::bit_cast<double>(prefix);
+    std::size_t count = share(budget, alive, alive);
+    if (count == 0) return std::numeric_limits<double>::infinity();
+    std::size_t digit = counts[0].size();
+    for (std::size_t here = 0;; count -= here) {
+        --digit;
+        here = 0;
+        for (const auto& of_worker : counts) here += of_worker[digit];
+        if (here >= count) break;
+    }
+    std::vector<std::vector<double>> found(threads);
+    guarded_parallel_for(a.blocks(), threads, [&](std::size_t block, unsigned worker) {
+        for (const double rank : ranks_of(a, block)) {
+            if (leading(rank) == digit) found[worker].push_back(rank);
+        }
+    });
+    for (unsigned worker = 1; worker < threads; ++worker) {
+        found[0].insert(found[0].end(), found[worker].begin(), found[worker].end());
+    }
+    return nth_greatest(found[0], count);
 }
 
 // What one unit block keeps: all that rank at least as high as the threshold.
@@ -313,30 +334,22 @@ ZerobitOutcome survey(Analysis& a, unsigned threads) {
 std::vector<KeptBlock> keep_significant(const Analysis& a, unsigned threads) {
     const double budget = static_cast<double>(kCells * a.wanted_cells) * a.settings.ratio;
     std::vector<std::size_t> alive(a.blocks());
-    guarded_parallel_for(a.blocks(), threads, [&](std::size_t block, unsigned) {
-        alive[block] = ranks_of(a, block).size();
-    });
     std::size_t all_alive = 0;
-    for (const std::size_t n : alive) all_alive += n;
-    const auto share = [&](std::size_t of, double whole) {
-        const double part = budget * static_cast<double>(of) / whole;
-        return std::min(of, static_cast<std::size_t>(std::floor(part + 0.5)));
-    };
-
     double threshold = 0;
     if (a.settings.global) {
-        const std::size_t count =
-            all_alive == 0 ? 0 : share(all_alive, static_cast<double>(all_alive));
-        threshold = nth_greatest_of_all(a, count, threads);
+        threshold = global_threshold(a, budget, threads);
+    } else {
+        guarded_parallel_for(a.blocks(), threads, [&](std::size_t block, unsigned) {
+            alive[block] = ranks_of(a, block).size();
+        });
+        all_alive = std::accumulate(alive.begin(), alive.end(), std::size_t{0});
     }
     std::vector<KeptBlock> kept(a.blocks());
     guarded_parallel_for(a.blocks(), threads, [&](std::size_t block, unsigned) {
         double own = threshold;
         if (!a.settings.global) {
             std::vector<double> ranks = ranks_of(a, block);
-            own = ranks.empty()
-                      ? 0
-                      : nth_greatest(ranks, share(alive[block], static_cast<double>(all_alive)));
+            own = nth_greatest(ranks, share(budget, alive[block], all_alive));
         }
         kept[block] = keep_block(a, block, own);
     });
