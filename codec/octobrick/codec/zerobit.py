@@ -7,7 +7,7 @@ specified in docs/spec/zerobit.md; `octobrick.codec.zerobit_reference` is the sa
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -100,6 +100,7 @@ class Zerobit:
 
     ratio: float = 0.05
     codebook: Codebook | None = None
+    _: KW_ONLY
     thresholds: Literal["global", "block"] = "global"
     ranking: Literal["orthonormal", "literal"] = "orthonormal"
     count_averages: bool = False
