@@ -3,10 +3,11 @@
     python bench/zerobit.py [--data ../shared/data] [--json zerobit.json] [--rounds 5]
 
 Sizes and errors are of this machine's own run, at the paper's target ratios of 2, 3, 4 and 5 %.
-Compression ratios are given with the table of block pointers, and without, as the paper seems to
-count; "old" is how much larger the code would be with the 64 flags per cell of the authors' earlier
-work, by its formula. Times come from bench/zerobit_access.cpp, which is built here with cmake: an array and the
-code, on the same positions, alternating, one thread. Volumes that are not there are left out.
+Compression ratios are given with the table of block pointers (CR), and without (CR'), as the paper
+seems to count; "old" is how much larger a code is with the 64 flags per cell of the authors'
+earlier work, by its formula. g0 and g1 are the shares of null nodes, "void" that of null cells.
+Times come from bench/zerobit_access.cpp, which is built here with cmake: an array and the code, on
+the same positions, alternating, one thread. Volumes that are not there are left out.
 """
 
 from __future__ import annotations
@@ -137,7 +138,8 @@ def main() -> None:
                     f"{ratio:5.0%} {row['kept']:6.2%} {row['null_cells']:5.0%} "
                     f"{row['compression']:6.2f} {row['compression_without_pointers']:6.2f} "
                     f"{row['psnr_db']:6.2f} {row['null_nodes_level0']:5.2f} "
-                    f"{row['null_nodes_level1']:5.2f} {row['size_of_old_coding']:5.2f} {row['encode_mb_per_second']:7.0f} "
+                    f"{row['null_nodes_level1']:5.2f} {row['size_of_old_coding']:5.2f} "
+                    f"{row['encode_mb_per_second']:7.0f} "
                     f"{row['decode_mb_per_second']:8.0f}"
                 )
                 if ratio in (RATIOS[0], RATIOS[-1]):

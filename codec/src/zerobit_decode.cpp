@@ -80,28 +80,34 @@ class Reader final : public ZerobitReader {
                 from[k] = block(block_of({at[k].z / kCell, at[k].y / kCell, at[k].x / kCell}));
                 __builtin_prefetch(from[k]);
             }
-            const std::uint8_t* info[kTogether];
+            // Which are null is hard to foresee: no jump depends on it.
+            struct Found {
+                const std::uint8_t* info;
+                const std::uint8_t* streams;
+                std::size_t k;
+            } found[kTogether];
+            std::size_t live = 0;
             for (std::size_t k = 0; k < count; ++k) {
-                info[k] = find_cell(from[k], number_of(at[k]));
-                __builtin_prefetch(info[k]);
+                put_background(out + k * kUnit);
+                const unsigned number = number_of(at[k]);
+                found[live] = {info_of(from[k], number), streams_of(from[k]), k};
+                __builtin_prefetch(found[live].info);
+                live += has_cell(from[k], number);
             }
             CellView cells[kTogether];
-            for (std::size_t k = 0; k < count; ++k) {
-                if (info[k] == nullptr) continue;
-                cells[k] = CellView(info[k], streams_of(from[k]));
-                __builtin_prefetch(cells[k].zerobits);
-                __builtin_prefetch(cells[k].details);
+            for (std::size_t i = 0; i < live; ++i) {
+                cells[i] = CellView(found[i].info, found[i].streams);
+                __builtin_prefetch(cells[i].zerobits);
+                __builtin_prefetch(cells[i].details);
             }
-            for (std::size_t k = 0; k < count; ++k, out += kUnit) {
-                if (info[k] == nullptr) {
-                    put_background(out);
-                    continue;
-                }
-                const auto z = static_cast<unsigned>(at[k].z % kCell),
-                           y = static_cast<unsigned>(at[k].y % kCell),
-                           x = static_cast<unsigned>(at[k].x % kCell);
-                put(synthesis_.voxel(cells[k], z, y, x), out);
+            for (std::size_t i = 0; i < live; ++i) {
+                const Zyx p = at[found[i].k];
+                const auto z = static_cast<unsigned>(p.z % kCell),
+                           y = static_cast<unsigned>(p.y % kCell),
+                           x = static_cast<unsigned>(p.x % kCell);
+                put(synthesis_.voxel(cells[i], z, y, x), out + found[i].k * kUnit);
             }
+            out += count * kUnit;
         }
     }
 

@@ -17,13 +17,26 @@ constexpr std::uint64_t low_bits(unsigned n) {
     return n >= 64 ? ~std::uint64_t{0} : (std::uint64_t{1} << n) - 1;
 }
 
-// Of a unit block that has been checked: the information of one of its cells, null where it is.
-inline const std::uint8_t* find_cell(const std::uint8_t* block, unsigned cell) {
-    if (block[0] == 0) return nullptr;
+// Of a unit block that has been checked: the flags of its cells. A void one has none; what is
+// loaded instead are bytes of the code nevertheless, for 8 zeros end it.
+inline std::uint64_t flags_of(const std::uint8_t* block) {
     const auto flags = load<std::uint64_t>(block + 1);
-    if ((flags >> cell & 1) == 0) return nullptr;
-    const auto before = static_cast<unsigned>(std::popcount(flags & low_bits(cell)));
+    return block[0] == 0 ? 0 : flags;
+}
+
+inline bool has_cell(const std::uint8_t* block, unsigned cell) {
+    return (flags_of(block) >> cell & 1) != 0;
+}
+
+// Where the information of a cell is that is not null.
+inline const std::uint8_t* info_of(const std::uint8_t* block, unsigned cell) {
+    const auto before = static_cast<unsigned>(std::popcount(flags_of(block) & low_bits(cell)));
     return block + 9 + kCellInfoNbytes * before;
+}
+
+// The same, null where the cell is.
+inline const std::uint8_t* find_cell(const std::uint8_t* block, unsigned cell) {
+    return has_cell(block, cell) ? info_of(block, cell) : nullptr;
 }
 
 // ZSMS, and DIS behind it, of a unit block that is not void.
