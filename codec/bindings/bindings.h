@@ -5,3 +5,4 @@
 
 void bind_deblock(nanobind::module_& m);
 void bind_gradients(nanobind::module_& m);
+void bind_zerobit(nanobind::module_& m);

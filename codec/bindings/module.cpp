@@ -211,4 +211,5 @@ NB_MODULE(_native, m) {
 
     bind_deblock(m);
     bind_gradients(m);
+    bind_zerobit(m);
 }

@@ -9,12 +9,13 @@
 
 namespace octobrick::codec::detail {
 
-class FirstFault {
+template <class Result>
+class FirstFaultOf {
   public:
     // Keeps the outcome unless it is ok, or one of a lower slab is known. Slabs are taken in
     // increasing order and each is finished, so the lowest faulty one always gets here.
-    void report(std::size_t slab, const Outcome& outcome) {
-        if (outcome.status == Status::ok) {
+    void report(std::size_t slab, const Result& outcome) {
+        if (outcome.status == decltype(outcome.status)::ok) {
             return;
         }
         const std::lock_guard lock(mutex_);
@@ -24,12 +25,14 @@ class FirstFault {
         }
     }
 
-    const Outcome& outcome() const { return outcome_; }
+    const Result& outcome() const { return outcome_; }
 
   private:
     std::mutex mutex_;
     std::size_t slab_ = SIZE_MAX;
-    Outcome outcome_;
+    Result outcome_;
 };
+
+using FirstFault = FirstFaultOf<Outcome>;
 
 }  // namespace octobrick::codec::detail

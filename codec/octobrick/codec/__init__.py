@@ -8,5 +8,17 @@ from __future__ import annotations
 from octobrick.codec import deblock, errors, gradients, metrics, reduce
 from octobrick.codec.metrics import ErrorStats
 from octobrick.codec.s3dc import S3dc
+from octobrick.codec.zerobit import Codebook, Zerobit, ZerobitStats
 
-__all__ = ["ErrorStats", "S3dc", "deblock", "errors", "gradients", "metrics", "reduce"]
+__all__ = [
+    "Codebook",
+    "ErrorStats",
+    "S3dc",
+    "Zerobit",
+    "ZerobitStats",
+    "deblock",
+    "errors",
+    "gradients",
+    "metrics",
+    "reduce",
+]

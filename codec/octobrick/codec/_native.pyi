@@ -1,6 +1,7 @@
 """The C++ codec. Internal: use octobrick.codec."""
 
 import enum
+from collections.abc import Sequence
 
 class Status(enum.Enum):
     """How a call ended; see octobrick/codec/s3dc.h."""
@@ -105,3 +106,113 @@ def decode_directions_into(
     codes: object, vectors: object, threads: int = 0, simd: bool = True
 ) -> None:
     """The unit vectors of codes."""
+
+class ZerobitStatus(enum.Enum):
+    """How a call ended; see octobrick/codec/zerobit.h."""
+
+    OK = 0
+
+    UNSUPPORTED_TYPE = 1
+
+    EMPTY_SHAPE = 2
+
+    TOO_LARGE = 3
+
+    NOT_FINITE = 4
+
+    WRONG_CODEBOOK = 5
+
+    BAD_HEADER = 6
+
+    WRONG_NBYTES = 7
+
+    BAD_BLOCK = 8
+
+class ZerobitOutcome:
+    """A status, where, and what it is about."""
+
+    @property
+    def status(self) -> ZerobitStatus: ...
+    @property
+    def at(self) -> tuple[int, int, int]: ...
+    @property
+    def first(self) -> float: ...
+    @property
+    def second(self) -> float: ...
+
+class ZerobitSettings:
+    """What an encoder keeps."""
+
+    def __init__(
+        self,
+        ratio: float,
+        global_threshold: bool,
+        orthonormal: bool,
+        count_averages: bool,
+        background: Sequence[float] | None,
+    ) -> None: ...
+
+class ZerobitTrainer:
+    """Gathers colours for a shared codebook."""
+
+    def __init__(self, sample_type: int, channels: int, settings: ZerobitSettings) -> None: ...
+    def add(
+        self,
+        voxels: object,
+        shape: tuple[int, int, int],
+        sample_type: int,
+        channels: int,
+        threads: int = 0,
+    ) -> ZerobitOutcome: ...
+    def codebook(self) -> bytes: ...
+
+def zerobit_encode(
+    voxels: object,
+    shape: tuple[int, int, int],
+    sample_type: int,
+    channels: int,
+    settings: ZerobitSettings,
+    wanted: object,
+    codebook: object,
+    threads: int = 0,
+) -> ZerobitOutcome | bytes:
+    """The code of a C-contiguous array, or what is wrong with it."""
+
+class ZerobitReader:
+    """Reads a code; see octobrick/codec/zerobit.h."""
+
+    def __init__(self, code: object, codebook: object) -> None: ...
+    @property
+    def outcome(self) -> ZerobitOutcome: ...
+    @property
+    def shape(self) -> tuple[int, int, int]: ...
+    @property
+    def grid(self) -> tuple[int, int, int]: ...
+    @property
+    def type(self) -> int: ...
+    @property
+    def channels(self) -> int: ...
+    @property
+    def background(self) -> list[float]: ...
+    @property
+    def pointers_nbytes(self) -> int: ...
+    @property
+    def codebook_nbytes(self) -> int: ...
+    def check(self, threads: int = 0) -> ZerobitOutcome: ...
+    def level(self, level: int, out: object, threads: int = 0) -> ZerobitOutcome: ...
+    def voxel(self, at: tuple[int, int, int], out: object) -> ZerobitOutcome: ...
+    def plane(
+        self, cell: tuple[int, int, int], axis: int, offset: int, out: object
+    ) -> ZerobitOutcome: ...
+    def cell(self, cell: tuple[int, int, int], out: object) -> ZerobitOutcome: ...
+    def thresholds(self) -> list[float]: ...
+    def stats(self) -> tuple[int, int, int, int]: ...
+
+def zerobit_voxel_operations(z: int, y: int, x: int) -> tuple[int, int]:
+    """Additions and decodings of one voxel."""
+
+def zerobit_plane_operations(axis: int, offset: int) -> tuple[int, int]:
+    """Additions and decodings of one plane of a cell."""
+
+def zerobit_cell_operations() -> tuple[int, int]:
+    """Additions and decodings of one cell."""
