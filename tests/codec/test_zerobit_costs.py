@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from octobrick.codec import Zerobit, _native
-from octobrick.codec import zerobit_reference as reference
+from octobrick.codec import reference_zerobit as reference
 
 from .zerobit_volumes import scene
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from octobrick.codec import Codebook, Zerobit
-from octobrick.codec import zerobit_reference as reference
+from octobrick.codec import reference_zerobit as reference
 
 GOLDEN = Path(__file__).parents[1] / "golden/zerobit"
 VECTORS = json.loads((GOLDEN / "vectors.json").read_text())["vectors"]

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from octobrick.codec import Zerobit
-from octobrick.codec import zerobit_reference as reference
-from octobrick.codec import zerobit_reference_encoder as encoder
+from octobrick.codec import reference_zerobit as reference
+from octobrick.codec import reference_zerobit_encoder as encoder
 
 from .zerobit_volumes import KINDS, scene, with_channels
 

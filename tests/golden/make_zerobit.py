@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.codec import zerobit_reference as reference
-from octobrick.codec import zerobit_reference_encoder as encoder
+from octobrick.codec import reference_zerobit as reference
+from octobrick.codec import reference_zerobit_encoder as encoder
 
 FOLDER = Path(__file__).parent / "zerobit"
 

@@ -1,7 +1,7 @@
 """Zerobit: wavelet compression of scalar and RGB volumes, any voxel decoded in constant time.
 
 Bajaj, Ihm, Park, "3D RGB Image Compression for Interactive Applications", 2001. The bytes are
-specified in docs/spec/zerobit.md; `octobrick.codec.zerobit_reference` is the same in plain numpy.
+specified in docs/spec/zerobit.md; `octobrick.codec.reference_zerobit` is the same in plain numpy.
 """
 
 from __future__ import annotations

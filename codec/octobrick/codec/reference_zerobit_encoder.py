@@ -1,4 +1,4 @@
-"""How Zerobit's encoder chooses, in plain numpy: the other half of `zerobit_reference`."""
+"""How Zerobit's encoder chooses, in plain numpy: the other half of `reference_zerobit`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from octobrick.codec.zerobit_reference import (
+from octobrick.codec.reference_zerobit import (
     DIVISORS,
     DTYPES,
     HEADER,
