@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import traceback
 
 import click
@@ -33,6 +35,10 @@ def report_failure(error: BaseException, *, debug: bool) -> int:
             return EXIT_USAGE
         case OctobrickError():
             _say(error.kind, error.message)
+            return EXIT_FAILED
+        case BrokenPipeError():
+            # Whoever read the output has enough, such as `| head`: no fault, and nobody to tell.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return EXIT_FAILED
         case OSError():
             _say("resource", str(error))
