@@ -221,3 +221,12 @@ def test_an_ingest_killed_half_way_leaves_no_volume_and_the_next_one_succeeds(
     ingest(source, dest, codec=None)
     np.testing.assert_array_equal(open_volume(dest).read(0), voxels)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["v.npy", "v.zarr"]
+
+
+def test_a_window_between_the_ends_of_float32_is_finite(ingested: Ingested) -> None:
+    """The percentile once lay between −3.4e38 and 3.4e38, whose difference float32 cannot hold."""
+    greatest = np.finfo(np.float32).max
+    voxels = np.full((10, 10, 10), -greatest, np.float32)
+    voxels[0, 0, 0] = greatest
+    low, high = ingested(voxels, codec=None).window
+    assert -greatest == low < high <= greatest

@@ -303,7 +303,8 @@ def _window(
     preview = next((w.preview for w in writers if w.preview is not None), None)
     low, high = value_range
     if preview is not None:
-        voxels = np.concatenate([planes.ravel() for planes in preview])
+        # In double: two float32 voxels can be farther apart than float32 reaches.
+        voxels = np.concatenate([planes.ravel() for planes in preview], dtype=np.float64)
         high = float(np.percentile(voxels, _WINDOW_HIGH_PERCENTILE))
     return (low, high if high > low else value_range[1])
 
