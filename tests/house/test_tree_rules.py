@@ -50,7 +50,10 @@ def test_broken_rule_names_the_file_and_the_remedy(
         ("codec/src/short.cpp", "//\n" * 500),
         ("docs/long.md", "text\n" * 2000),
         ("store/octobrick/store/__init__.py", ""),
-        ("docs/guide.md", f"https://example.org{MACHINE_PATH} and ../work/here and usr/home/x\n"),
+        (
+            "docs/guide.md",
+            f"https://example.org{MACHINE_PATH} and ..{MACHINE_PATH} and usr/home/x\n",
+        ),
         ("data/head.raw", f"\0{MACHINE_PATH}"),
     ],
 )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from octobrick.codec.errors import InvalidInputError, UnsupportedError
+from octobrick.codec.errors import InvalidInputError, NotFiniteError, UnsupportedError
 
 Zyx = tuple[int, int, int]
 Voxels = NDArray[Any]
@@ -90,3 +90,20 @@ def require_threads(threads: int | None) -> int:
     if not 1 <= threads <= 1024:
         raise InvalidInputError(f"threads is {threads}; give 1 to 1024, or None", threads=threads)
     return threads
+
+
+def not_finite(volume: Voxels, index: int, consequence: str) -> NotFiniteError:
+    """The error for a voxel that is NaN or infinite, to be raised.
+
+    Args:
+        volume: (z, y, x).
+        index: of the voxel, z slowest, x fastest.
+        consequence: what cannot be done with it, such as "it has no gradient".
+    """
+    at = tuple(int(i) for i in np.unravel_index(index, volume.shape))
+    return NotFiniteError(
+        f"voxel (z, y, x) = {at} is {volume[at]}: {consequence}; replace such voxels first, for "
+        "instance with the background's value",
+        voxel_zyx=list(at),
+        value=str(volume[at]),
+    )

@@ -22,12 +22,13 @@ from octobrick.codec.arrays import (
     Voxels,
     Zyx,
     contiguous,
+    not_finite,
     require_dtype,
     require_extents,
     require_threads,
     require_volume,
 )
-from octobrick.codec.errors import CorruptBrickError, InvalidInputError, NotFiniteError
+from octobrick.codec.errors import CorruptBrickError, InvalidInputError
 from octobrick.codec.s3dc import S3dc
 
 if TYPE_CHECKING:
@@ -101,13 +102,7 @@ def rational_bezier(
         require_threads(threads),
     )
     if fault is not None:
-        at = tuple(int(i) for i in np.unravel_index(fault, volume.shape))
-        raise NotFiniteError(
-            f"voxel (z, y, x) = {at} is {volume[at]}: it cannot be filtered; replace such voxels "
-            "first, for instance with the background's value",
-            voxel_zyx=list(at),
-            value=str(volume[at]),
-        )
+        raise not_finite(volume, fault, "it cannot be filtered")
     return filtered
 
 

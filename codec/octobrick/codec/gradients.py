@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import _native
-from octobrick.codec.arrays import Voxels, contiguous, require_threads, require_volume
+from octobrick.codec.arrays import Voxels, contiguous, not_finite, require_threads, require_volume
 from octobrick.codec.errors import InvalidInputError, NotFiniteError, UnsupportedError
 
 Vectors = NDArray[np.float32]
@@ -63,13 +63,7 @@ def central_differences(
     gradient = np.empty((*volume.shape, 3), np.float32)
     fault = _native.central_differences_into(volume, spacing, gradient, require_threads(threads))
     if fault is not None:
-        at = tuple(int(i) for i in np.unravel_index(fault, volume.shape))
-        raise NotFiniteError(
-            f"voxel (z, y, x) = {at} is {volume[at]}: it has no gradient; replace such voxels "
-            "first, for instance with the background's value",
-            voxel_zyx=list(at),
-            value=str(volume[at]),
-        )
+        raise not_finite(volume, fault, "it has no gradient")
     return gradient
 
 
