@@ -6,11 +6,11 @@
 #include <nanobind/stl/variant.h>
 
 #include <optional>
-#include <string_view>
 #include <tuple>
 #include <variant>
 
 #include "bindings.h"
+#include "buffer.h"
 #include "octobrick/codec/error_stats.h"
 #include "octobrick/codec/reduce.h"
 #include "octobrick/codec/s3dc.h"
@@ -22,60 +22,6 @@ namespace {
 
 using Block = std::tuple<std::size_t, std::size_t, std::size_t>;
 using Position = Block;
-
-// A Python buffer for as long as this lives.
-class Buffer {
-  public:
-    Buffer(nb::handle object, int flags) {
-        if (PyObject_GetBuffer(object.ptr(), &view_, flags) != 0) {
-            throw nb::python_error();
-        }
-    }
-    ~Buffer() { PyBuffer_Release(&view_); }
-    Buffer(const Buffer&) = delete;
-    Buffer& operator=(const Buffer&) = delete;
-
-    std::span<const std::byte> bytes() const {
-        return {static_cast<const std::byte*>(view_.buf), static_cast<std::size_t>(view_.len)};
-    }
-
-    // The buffer as a volume; `View` is Volume or ConstVolume.
-    template <class View>
-    View volume() const {
-        if (view_.ndim != 3) {
-            throw nb::value_error("expected three axes (z, y, x)");
-        }
-        View v;
-        v.origin = static_cast<std::byte*>(view_.buf);
-        v.type = sample_type();
-        v.shape = {static_cast<std::size_t>(view_.shape[0]),
-                   static_cast<std::size_t>(view_.shape[1]),
-                   static_cast<std::size_t>(view_.shape[2])};
-        v.strides = {view_.strides[0], view_.strides[1], view_.strides[2]};
-        return v;
-    }
-
-  private:
-    SampleType sample_type() const {
-        // Before the letter a prefix may tell the byte order, '^' or '=' where samples are not
-        // aligned. '>' is none of ours.
-        const std::string_view format = view_.format != nullptr ? view_.format : "B";
-        const bool prefixed = format.size() == 2 &&
-                              std::string_view("@=<^").find(format[0]) != std::string_view::npos;
-        if (format.size() == (prefixed ? 2 : 1)) {
-            switch (format.back()) {
-                case 'B': return SampleType::u8;
-                case 'b': return SampleType::i8;
-                case 'H': return SampleType::u16;
-                case 'h': return SampleType::i16;
-                case 'f': return SampleType::f32;
-            }
-        }
-        throw nb::type_error("expected native uint8, int8, uint16, int16 or float32");
-    }
-
-    Py_buffer view_{};
-};
 
 constexpr int kReadStrided = PyBUF_STRIDES | PyBUF_FORMAT;
 constexpr int kWriteStrided = kReadStrided | PyBUF_WRITABLE;

@@ -14,6 +14,7 @@
 #include <tuple>
 #include <variant>
 
+#include "buffer.h"
 #include "octobrick/codec/zerobit.h"
 
 namespace nb = nanobind;
@@ -26,37 +27,13 @@ using Position = std::tuple<std::size_t, std::size_t, std::size_t>;
 Zyx zyx(const Position& p) { return {std::get<0>(p), std::get<1>(p), std::get<2>(p)}; }
 Position position(Zyx p) { return {p.z, p.y, p.x}; }
 
-// The bytes of a Python buffer for as long as this lives.
-class Bytes {
-  public:
-    Bytes(nb::handle object, int flags) {
-        if (PyObject_GetBuffer(object.ptr(), &view_, flags) != 0) throw nb::python_error();
-    }
-    explicit Bytes(nb::handle object) : Bytes(object, PyBUF_SIMPLE) {}
-    ~Bytes() { PyBuffer_Release(&view_); }
-    Bytes(const Bytes&) = delete;
-    Bytes& operator=(const Bytes&) = delete;
-
-    std::byte* data() const { return static_cast<std::byte*>(view_.buf); }
-    std::size_t size() const { return static_cast<std::size_t>(view_.len); }
-    std::span<const std::byte> span() const { return {data(), size()}; }
-
-    // Throws unless it has exactly this many bytes: the last guard between Python and memory.
-    void require(std::size_t nbytes) const {
-        if (size() != nbytes) throw nb::value_error("a buffer has another size than its shape");
-    }
-
-  private:
-    Py_buffer view_{};
-};
-
 std::size_t count(Zyx shape) { return shape.z * shape.y * shape.x; }
 
-ZerobitVolume volume_of(const Bytes& voxels, const Position& shape, unsigned type,
+ZerobitVolume volume_of(const Buffer& voxels, const Position& shape, unsigned type,
                         unsigned channels) {
     if (type > static_cast<unsigned>(SampleType::f32)) throw nb::value_error("no such type");
     const ZerobitVolume v{voxels.data(), static_cast<SampleType>(type), channels, zyx(shape)};
-    voxels.require(count(v.shape) * channels * sample_nbytes(v.type));
+    voxels.require_nbytes(count(v.shape) * channels * sample_nbytes(v.type));
     return v;
 }
 
@@ -68,11 +45,11 @@ std::variant<ZerobitOutcome, nb::bytes> encode(nb::handle voxels, const Position
                                                unsigned type, unsigned channels,
                                                const ZerobitSettings& settings, nb::handle wanted,
                                                nb::handle codebook, unsigned threads) {
-    const Bytes from(voxels), mask(wanted), book(codebook);
+    const Buffer from(voxels), mask(wanted), book(codebook);
     const ZerobitVolume volume = volume_of(from, shape, type, channels);
     const auto cells = [](std::size_t n) { return (n + 3) / 4; };
     if (mask.size() != 0) {
-        mask.require(cells(volume.shape.z) * cells(volume.shape.y) * cells(volume.shape.x));
+        mask.require_nbytes(cells(volume.shape.z) * cells(volume.shape.y) * cells(volume.shape.x));
     }
     std::vector<std::byte> code;
     ZerobitOutcome outcome;
@@ -80,7 +57,7 @@ std::variant<ZerobitOutcome, nb::bytes> encode(nb::handle voxels, const Position
         const nb::gil_scoped_release unlocked;
         outcome = zerobit_encode(volume, settings,
                                  {reinterpret_cast<const std::uint8_t*>(mask.data()), mask.size()},
-                                 book.span(), code, threads);
+                                 book.bytes(), code, threads);
     }
     if (outcome.status != ZerobitStatus::ok) return outcome;
     return to_bytes(code);
@@ -88,7 +65,7 @@ std::variant<ZerobitOutcome, nb::bytes> encode(nb::handle voxels, const Position
 
 ZerobitOutcome train(ZerobitTrainer& trainer, nb::handle voxels, const Position& shape,
                      unsigned type, unsigned channels, unsigned threads) {
-    const Bytes from(voxels);
+    const Buffer from(voxels);
     const ZerobitVolume volume = volume_of(from, shape, type, channels);
     const nb::gil_scoped_release unlocked;
     return trainer.add(volume, threads);
@@ -98,7 +75,7 @@ ZerobitOutcome train(ZerobitTrainer& trainer, nb::handle voxels, const Position&
 class Reader {
   public:
     Reader(nb::handle code, nb::handle codebook) : code_(code), codebook_(codebook) {
-        outcome_ = ZerobitReader::open(code_.span(), codebook_.span(), reader_);
+        outcome_ = ZerobitReader::open(code_.bytes(), codebook_.bytes(), reader_);
     }
 
     const ZerobitOutcome& outcome() const { return outcome_; }
@@ -115,9 +92,9 @@ class Reader {
         if (level > 2) throw nb::value_error("levels are 0, 1 and 2");
         const Zyx s = header().shape;
         const std::size_t half = (std::size_t{1} << level) - 1;
-        const Bytes to(out, PyBUF_WRITABLE);
-        to.require(count({(s.z + half) >> level, (s.y + half) >> level, (s.x + half) >> level}) *
-                   unit());
+        const Buffer to(out, PyBUF_WRITABLE);
+        to.require_nbytes(
+            count({(s.z + half) >> level, (s.y + half) >> level, (s.x + half) >> level}) * unit());
         const nb::gil_scoped_release unlocked;
         const ZerobitOutcome outcome = reader.check(threads);
         if (outcome.status == ZerobitStatus::ok) reader.level(level, to.data(), threads);
@@ -169,15 +146,15 @@ class Reader {
         if (at.z >= within.z || at.y >= within.y || at.x >= within.x) {
             throw nb::value_error("outside of the volume");
         }
-        const Bytes to(out, PyBUF_WRITABLE);
-        to.require(voxels * unit());
+        const Buffer to(out, PyBUF_WRITABLE);
+        to.require_nbytes(voxels * unit());
         const ZerobitOutcome outcome =
             get().check_block({at.z / per_block, at.y / per_block, at.x / per_block});
         if (outcome.status == ZerobitStatus::ok) f(to.data());
         return outcome;
     }
 
-    Bytes code_, codebook_;
+    Buffer code_, codebook_;
     std::unique_ptr<ZerobitReader> reader_;
     ZerobitOutcome outcome_;
 };
