@@ -20,12 +20,8 @@ from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Zyx, ceil_div
 from octobrick.store.errors import VolumeFormatError
 from octobrick.store.shard import DIGEST_NBYTES
-from octobrick.store.zarr_codec import (
-    S3DC_NAME,
-    SUPPORTED_DTYPES,
-    s3dc_configuration,
-    s3dc_from_configuration,
-)
+from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
+from octobrick.store.zarr_codec import S3DC_NAME, s3dc_configuration, s3dc_from_configuration
 
 FORMAT_VERSION = 1
 BYTES_NAME = "bytes"

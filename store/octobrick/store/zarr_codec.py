@@ -15,6 +15,7 @@ from zarr.core.common import JSON, parse_named_configuration
 from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError, UnsupportedError
 from octobrick.store.box import Zyx
+from octobrick.store.zarr_chunk import brick_shape, chunk_of, require_array
 
 if TYPE_CHECKING:
     from zarr.core.array_spec import ArraySpec
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 S3DC_NAME = "octobrick.s3dc"
 S3DC_VERSION = 1
-SUPPORTED_DTYPES = frozenset({"uint8", "int8", "uint16", "int16", "float32"})
 
 
 def s3dc_configuration(codec: S3dc) -> dict[str, JSON]:
@@ -89,13 +89,7 @@ class S3dcZarrCodec(ArrayBytesCodec):
             UnsupportedError: the sample type.
             InvalidInputError: fewer than three axes.
         """
-        name = np.dtype(dtype.to_native_dtype()).name
-        if name not in SUPPORTED_DTYPES:
-            raise UnsupportedError(
-                f"{S3DC_NAME}: cannot code {name}; convert to one of {sorted(SUPPORTED_DTYPES)}"
-            )
-        if len(shape) < 3:
-            raise InvalidInputError(f"{S3DC_NAME}: shape {shape} needs at least the axes z, y, x")
+        require_array(S3DC_NAME, shape, dtype)
 
     def compute_encoded_size(self, input_byte_length: int, chunk_spec: ArraySpec) -> int:  # noqa: ARG002
         """Bytes of one coded chunk, which S3Dc fixes beforehand."""
@@ -104,9 +98,7 @@ class S3dcZarrCodec(ArrayBytesCodec):
     async def _decode_single(self, chunk_data: Buffer, chunk_spec: ArraySpec) -> NDBuffer:
         shape_zyx, dtype = _brick_of(chunk_spec)
         brick = self._codec.decode(cast("Any", chunk_data.as_numpy_array()), shape_zyx, dtype)
-        return chunk_spec.prototype.nd_buffer.from_ndarray_like(
-            cast("Any", brick.reshape(chunk_spec.shape))
-        )
+        return chunk_of(brick, chunk_spec)
 
     async def _encode_single(self, chunk_data: NDBuffer, chunk_spec: ArraySpec) -> Buffer | None:
         shape_zyx, _ = _brick_of(chunk_spec)
@@ -119,9 +111,4 @@ class S3dcZarrCodec(ArrayBytesCodec):
 
 
 def _brick_of(chunk_spec: ArraySpec) -> tuple[Zyx, np.dtype[Any]]:
-    *leading, nz, ny, nx = chunk_spec.shape
-    if any(n != 1 for n in leading):
-        raise InvalidInputError(
-            f"{S3DC_NAME}: chunk shape {chunk_spec.shape} must be 1 along the axes before z, y, x"
-        )
-    return (nz, ny, nx), np.dtype(chunk_spec.dtype.to_native_dtype())
+    return brick_shape(S3DC_NAME, chunk_spec.shape), np.dtype(chunk_spec.dtype.to_native_dtype())
