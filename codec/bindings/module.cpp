@@ -14,6 +14,7 @@
 #include "octobrick/codec/error_stats.h"
 #include "octobrick/codec/reduce.h"
 #include "octobrick/codec/s3dc.h"
+#include "octobrick/codec/upsample.h"
 
 namespace nb = nanobind;
 using namespace octobrick::codec;
@@ -26,22 +27,20 @@ using Position = Block;
 constexpr int kReadStrided = PyBUF_STRIDES | PyBUF_FORMAT;
 constexpr int kWriteStrided = kReadStrided | PyBUF_WRITABLE;
 
-S3dc make_codec(const Block& block, unsigned bits) {
-    return {{std::get<0>(block), std::get<1>(block), std::get<2>(block)}, bits};
+S3dc make_codec(const Block& block, unsigned bits, bool fitted, bool scaled) {
+    return {{std::get<0>(block), std::get<1>(block), std::get<2>(block)}, bits, fitted, scaled};
 }
 
 Outcome failure(Status status) { return {status, {}, 0, 0}; }
 
-std::variant<Outcome, std::tuple<std::size_t, std::size_t>> layout_nbytes(const Block& shape,
-                                                                          std::size_t sample_nbytes,
-                                                                          const Block& block,
-                                                                          unsigned bits) {
+std::variant<Outcome, std::tuple<std::size_t, std::size_t>> layout_nbytes(
+    const Block& shape, std::size_t sample_nbytes, const Block& block, unsigned bits, bool scaled) {
     const SampleType type = sample_nbytes == 1   ? SampleType::u8
                             : sample_nbytes == 2 ? SampleType::u16
                                                  : SampleType::f32;
     Layout layout;
     const Status status =
-        make_layout(make_codec(block, bits), type,
+        make_layout(make_codec(block, bits, false, scaled), type,
                     {std::get<0>(shape), std::get<1>(shape), std::get<2>(shape)}, layout);
     if (status != Status::ok) {
         return failure(status);
@@ -50,10 +49,11 @@ std::variant<Outcome, std::tuple<std::size_t, std::size_t>> layout_nbytes(const 
 }
 
 std::variant<Outcome, nb::bytes> encode_array(nb::handle array, const Block& block, unsigned bits,
-                                              unsigned threads, bool simd) {
+                                              unsigned threads, bool simd, bool fitted,
+                                              bool scaled) {
     const Buffer buffer(array, kReadStrided);
     const auto voxels = buffer.volume<ConstVolume>();
-    const S3dc codec = make_codec(block, bits);
+    const S3dc codec = make_codec(block, bits, fitted, scaled);
     Layout layout;
     if (const Status s = make_layout(codec, voxels.type, voxels.shape, layout); s != Status::ok) {
         return failure(s);
@@ -77,21 +77,25 @@ std::variant<Outcome, nb::bytes> encode_array(nb::handle array, const Block& blo
 }
 
 Outcome decode_into(nb::handle data, nb::handle out, const Block& block, unsigned bits,
-                    unsigned threads, bool simd) {
+                    unsigned threads, bool simd, bool scaled) {
     const Buffer code(data, PyBUF_SIMPLE);
     const Buffer array(out, kWriteStrided);
     const auto voxels = array.volume<Volume>();
     const nb::gil_scoped_release unlocked;
-    return decode(make_codec(block, bits), code.bytes(), voxels, {threads, simd});
+    return decode(make_codec(block, bits, false, scaled), code.bytes(), voxels, {threads, simd});
 }
 
-bool mean2_into(nb::handle fine, nb::handle coarse, unsigned threads, bool simd) {
-    const Buffer from(fine, kReadStrided);
-    const Buffer to(coarse, kWriteStrided);
-    const auto fine_volume = from.volume<ConstVolume>();
-    const auto coarse_volume = to.volume<Volume>();
+// A function from one volume to another that refuses what does not fit.
+using Resample = bool (*)(const ConstVolume&, const Volume&, Execution);
+
+template <Resample resample>
+bool resample_into(nb::handle from, nb::handle to, unsigned threads, bool simd) {
+    const Buffer source(from, kReadStrided);
+    const Buffer target(to, kWriteStrided);
+    const auto source_volume = source.volume<ConstVolume>();
+    const auto target_volume = target.volume<Volume>();
     const nb::gil_scoped_release unlocked;
-    return mean2(fine_volume, coarse_volume, {threads, simd});
+    return resample(source_volume, target_volume, {threads, simd});
 }
 
 nb::tuple compare_arrays(nb::handle a, nb::handle b, bool simd) {
@@ -130,7 +134,13 @@ NB_MODULE(_native, m) {
         .value("WRONG_NBYTES", Status::wrong_nbytes)
         .value("NOT_FINITE", Status::not_finite)
         .value("BAD_END_POINTS", Status::bad_end_points)
-        .value("BAD_PADDING", Status::bad_padding);
+        .value("BAD_PADDING", Status::bad_padding)
+        .value("BAD_WIDTHS", Status::bad_widths)
+        .value("BUDGET_TOO_SMALL", Status::budget_too_small)
+        .value("WRONG_PREDICTION", Status::wrong_prediction)
+        .value("BAD_GROUPS", Status::bad_groups)
+        .value("BAD_RAW", Status::bad_raw)
+        .value("BAD_SCALES", Status::bad_scales);
 
     nb::class_<Outcome>(m, "Outcome", "A status, where, and the two values that it is about.")
         .def_ro("status", &Outcome::status)
@@ -139,17 +149,21 @@ NB_MODULE(_native, m) {
         .def_ro("second", &Outcome::second);
 
     m.def("layout_nbytes", &layout_nbytes, nb::arg("shape"), nb::arg("sample_nbytes"),
-          nb::arg("block"), nb::arg("bits"),
+          nb::arg("block"), nb::arg("bits"), nb::arg("scaled") = false,
           "Bytes of the end points and of the whole code, or what is wrong.");
     m.def("encode", &encode_array, nb::arg("array"), nb::arg("block"), nb::arg("bits"),
-          nb::arg("threads") = 0, nb::arg("simd") = true,
-          "The code of an array (z, y, x), or what is wrong with it.");
+          nb::arg("threads") = 0, nb::arg("simd") = true, nb::arg("fitted") = false,
+          nb::arg("scaled") = false, "The code of an array (z, y, x), or what is wrong with it.");
     m.def("decode_into", &decode_into, nb::arg("data"), nb::arg("out"), nb::arg("block"),
           nb::arg("bits"), nb::arg("threads") = 0, nb::arg("simd") = true,
+          nb::arg("scaled") = false,
           "Decode into an array (z, y, x) of the voxels' shape and type.");
-    m.def("mean2_into", &mean2_into, nb::arg("fine"), nb::arg("coarse"), nb::arg("threads") = 0,
-          nb::arg("simd") = true,
+    m.def("mean2_into", &resample_into<mean2>, nb::arg("fine"), nb::arg("coarse"),
+          nb::arg("threads") = 0, nb::arg("simd") = true,
           "Reduce to half the shape, rounded up; False where they do not fit.");
+    m.def("upsample2_into", &resample_into<upsample2>, nb::arg("coarse"), nb::arg("fine"),
+          nb::arg("threads") = 0, nb::arg("simd") = true,
+          "Interpolate to twice the shape; False where they do not fit.");
     m.def(
         "compare", &compare_arrays, nb::arg("a"), nb::arg("b"), nb::arg("simd") = true,
         nb::sig("def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]"),
@@ -157,5 +171,6 @@ NB_MODULE(_native, m) {
 
     bind_deblock(m);
     bind_gradients(m);
+    bind_s3dc_variable(m);
     bind_zerobit(m);
 }

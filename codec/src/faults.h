@@ -35,4 +35,7 @@ class FirstFaultOf {
 
 using FirstFault = FirstFaultOf<Outcome>;
 
+// The first voxel of a float volume, in memory order, that is NaN or infinite: not_finite; or ok.
+Outcome find_not_finite(const ConstVolume& voxels);
+
 }  // namespace octobrick::codec::detail

@@ -1,5 +1,6 @@
 #include "octobrick/codec/s3dc.h"
 #include "rows.h"
+#include "scales.h"
 
 namespace octobrick::codec {
 
@@ -35,7 +36,12 @@ Status make_layout(const S3dc& codec, SampleType type, Zyx shape, Layout& layout
     if (!checked_volume({shape.z, shape.y, 1}, layout.row_nbytes, rows_nbytes)) {
         return Status::too_large;
     }
-    layout.nbytes = layout.end_points_nbytes + rows_nbytes;  // below 2^64: both are below 2^63
+    layout.scales_begin = layout.end_points_nbytes + rows_nbytes;  // below 2^64: both below 2^63
+    layout.nbytes = layout.scales_begin;
+    if (codec.scaled && layout.nbytes <= PTRDIFF_MAX) {
+        const std::size_t blocks = layout.grid.z * layout.grid.y * layout.grid.x;
+        layout.nbytes += detail::scales_nbytes(codec.bits) + ceil_div(blocks, 2);
+    }
     return layout.nbytes <= PTRDIFF_MAX ? Status::ok : Status::too_large;
 }
 

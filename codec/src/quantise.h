@@ -184,6 +184,13 @@ using QuantiserFor =
 
 // 8-bit samples: R·index + (L div 2) <= 255·255 + 127 < 2^16.
 template <unsigned B>
+OCTOBRICK_INLINE std::uint8_t decoded8(std::uint16_t min, std::uint16_t range, std::uint8_t index) {
+    constexpr std::uint16_t kLevels = (1u << B) - 1;
+    const auto scaled = static_cast<std::uint16_t>(index * range + kLevels / 2);
+    return static_cast<std::uint8_t>(min + scaled / kLevels);
+}
+
+template <unsigned B>
 class Dequantiser8 {
   public:
     explicit Dequantiser8(std::size_t nx) : min_(nx), range_(nx) {}
@@ -197,12 +204,10 @@ class Dequantiser8 {
 
     OCTOBRICK_INLINE void dequantise(const std::uint8_t* indices, std::size_t x, std::size_t n,
                                      std::uint8_t* row) const {
-        constexpr std::uint16_t kLevels = (1u << B) - 1;
         const std::uint16_t* min = min_.data() + x;
         const std::uint16_t* range = range_.data() + x;
         for (std::size_t i = 0; i < n; ++i) {
-            const auto scaled = static_cast<std::uint16_t>(indices[i] * range[i] + kLevels / 2);
-            row[x + i] = static_cast<std::uint8_t>(min[i] + scaled / kLevels);
+            row[x + i] = decoded8<B>(min[i], range[i], indices[i]);
         }
     }
 
@@ -213,6 +218,15 @@ class Dequantiser8 {
 // 16-bit samples, in 16-bit integers too: with R = L·a + c, c < L,
 //   (R·index + (L div 2)) div L = a·index + (c·index + (L div 2)) div L,
 // where c·index + (L div 2) <= 254·255 + 127 < 2^16.
+template <unsigned B>
+OCTOBRICK_INLINE std::uint16_t decoded16(std::uint16_t min, std::uint16_t whole, std::uint16_t rest,
+                                         std::uint8_t index) {
+    constexpr std::uint16_t kLevels = (1u << B) - 1;
+    const auto scaled = static_cast<std::uint16_t>(index * rest + kLevels / 2);
+    return static_cast<std::uint16_t>(min + static_cast<unsigned>(index) * whole +
+                                      scaled / kLevels);
+}
+
 template <unsigned B>
 class Dequantiser16 {
   public:
@@ -233,9 +247,7 @@ class Dequantiser16 {
         const std::uint16_t* whole = whole_.data() + x;
         const std::uint16_t* rest = rest_.data() + x;
         for (std::size_t i = 0; i < n; ++i) {
-            const auto scaled = static_cast<std::uint16_t>(indices[i] * rest[i] + kLevels / 2);
-            row[x + i] = static_cast<std::uint16_t>(
-                min[i] + static_cast<unsigned>(indices[i]) * whole[i] + scaled / kLevels);
+            row[x + i] = decoded16<B>(min[i], whole[i], rest[i], indices[i]);
         }
     }
 
@@ -246,6 +258,15 @@ class Dequantiser16 {
 
 // f32. Where max − min is rounded, min + (max − min) is not max: −1e30 + (−1e-30 − −1e30) is 0. So
 // values are clamped, and the last index is max by definition.
+template <unsigned B>
+OCTOBRICK_INLINE float decoded_float(float min, float max, double range, int index) {
+    constexpr int kLevels = (1 << B) - 1;
+    float value = static_cast<float>(static_cast<double>(min) + range * index / kLevels);
+    value = value < min ? min : value;
+    value = value > max ? max : value;
+    return index == kLevels ? max : value;
+}
+
 template <unsigned B>
 class DequantiserFloat {
   public:
@@ -262,17 +283,11 @@ class DequantiserFloat {
 
     OCTOBRICK_INLINE void dequantise(const std::uint8_t* indices, std::size_t x, std::size_t n,
                                      float* row) const {
-        constexpr double kLevels = (1u << B) - 1;
         const float* min = min_.data() + x;
         const float* max = max_.data() + x;
         const double* range = range_.data() + x;
         for (std::size_t i = 0; i < n; ++i) {
-            const double index = static_cast<int>(indices[i]);
-            float value =
-                static_cast<float>(static_cast<double>(min[i]) + range[i] * index / kLevels);
-            value = value < min[i] ? min[i] : value;
-            value = value > max[i] ? max[i] : value;
-            row[x + i] = indices[i] == static_cast<std::uint8_t>(kLevels) ? max[i] : value;
+            row[x + i] = decoded_float<B>(min[i], max[i], range[i], indices[i]);
         }
     }
 

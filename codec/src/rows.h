@@ -102,6 +102,63 @@ class RowWriter {
     Array<T> copy_;
 };
 
+// The rows of one line of blocks along x, all at once: in place where possible, else in a copy of
+// the line. `View` is ConstVolume, to be read, or Volume, to be written.
+template <class T, class View>
+class SlabRows {
+    static constexpr bool kWrites = std::is_same_v<View, Volume>;
+
+  public:
+    using Sample = std::conditional_t<kWrites, T, const T>;
+
+    // No slab has more rows than `block` in z and y.
+    SlabRows(const View& v, Zyx block)
+        : v_(v),
+          in_place_(rows_in_place<T>(v)),
+          copy_(in_place_ ? 0 : block.z * block.y * v.shape.x) {}
+
+    // Goes to the rows [begin.z, end.z) × [begin.y, end.y).
+    void open(Zyx begin, Zyx end) {
+        begin_ = begin;
+        end_ = end;
+        if constexpr (!kWrites)
+            each_copied([](T& to, const std::byte* from) { std::memcpy(&to, from, sizeof(T)); });
+    }
+
+    // Row (z, y), counted from `begin`.
+    Sample* row(std::size_t z, std::size_t y) const {
+        return in_place_ ? reinterpret_cast<Sample*>(row_origin(v_, begin_.z + z, begin_.y + y))
+                         : copied_row(z, y);
+    }
+
+    // Ends the writing of the open rows.
+    void commit() {
+        each_copied([](const T& from, std::byte* to) { std::memcpy(to, &from, sizeof(T)); });
+    }
+
+  private:
+    T* copied_row(std::size_t z, std::size_t y) const {
+        return copy_.data() + (z * (end_.y - begin_.y) + y) * v_.shape.x;
+    }
+
+    template <class F>
+    void each_copied(const F& f) {
+        if (in_place_) return;
+        for (std::size_t z = 0; z < end_.z - begin_.z; ++z) {
+            for (std::size_t y = 0; y < end_.y - begin_.y; ++y) {
+                auto* at = row_origin(v_, begin_.z + z, begin_.y + y);
+                T* row = copied_row(z, y);
+                for (std::size_t x = 0; x < v_.shape.x; ++x, at += v_.strides.x) f(row[x], at);
+            }
+        }
+    }
+
+    View v_;
+    bool in_place_;
+    Array<T> copy_;
+    Zyx begin_, end_;
+};
+
 // Calls f(T{}) with the sample type as a C++ type.
 template <class F>
 auto with_sample_type(SampleType type, const F& f) {

@@ -9,6 +9,7 @@
 #include "parallel.h"
 #include "quantise.h"
 #include "rows.h"
+#include "s3dc_scaled.h"
 
 namespace octobrick::codec {
 namespace detail {
@@ -183,10 +184,10 @@ Outcome decode(const S3dc& codec, std::span<const std::byte> code, const Volume&
     if (code.size() != layout.nbytes) {
         return {Status::wrong_nbytes, {}, 0, 0};
     }
+    const auto* bytes = reinterpret_cast<const std::uint8_t*>(code.data());
+    if (codec.scaled) return detail::decode_scaled(codec, bytes, layout, voxels, execution);
     detail::FirstFault fault;
-    const detail::DecodeJob job{
-        voxels, codec.block, codec.bits, layout, reinterpret_cast<const std::uint8_t*>(code.data()),
-        &fault};
+    const detail::DecodeJob job{voxels, codec.block, codec.bits, layout, bytes, &fault};
     switch (voxels.type) {
         case SampleType::u8:
         case SampleType::i8: detail::run_decode<std::uint8_t>(job, execution); break;

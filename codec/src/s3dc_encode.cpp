@@ -3,12 +3,15 @@
 #include <limits>
 #include <vector>
 
+#include "block_voxels.h"
 #include "faults.h"
 #include "index_rows.h"
+#include "level_fit.h"
 #include "octobrick/codec/s3dc.h"
 #include "parallel.h"
 #include "quantise.h"
 #include "rows.h"
+#include "s3dc_scaled.h"
 
 namespace octobrick::codec {
 namespace detail {
@@ -18,6 +21,7 @@ struct EncodeJob {
     ConstVolume voxels;
     Zyx block;
     unsigned bits;
+    bool fitted;
     Layout layout;
     std::uint8_t* code;
     FirstFault* fault;
@@ -26,11 +30,21 @@ struct EncodeJob {
 // What one thread needs for one slab.
 template <class T>
 struct EncodeScratch {
-    explicit EncodeScratch(const ConstVolume& v)
-        : reader(v), min(v.shape.x), max(v.shape.x), quantiser(v.shape.x) {}
+    EncodeScratch(const ConstVolume& v, Zyx fitted_block)
+        : reader(v),
+          min(v.shape.x),
+          max(v.shape.x),
+          quantiser(v.shape.x),
+          rows(v, fitted_block),
+          block(fitted_block.z * fitted_block.y * fitted_block.x),
+          clamped(fitted_block.x > 0 ? v.shape.x : 0) {}
     RowReader<T> reader;
-    Array<T> min, max;
+    Array<T> min, max;  // of each column, then the end points of its block
     QuantiserFor<T> quantiser;
+    // For fitting only.
+    SlabRows<T, ConstVolume> rows;
+    BlockVoxels<T> block;
+    Array<T> clamped;
 };
 
 // Step 1: the least and greatest sample of every column (x) of a slab's rows. False where a
@@ -63,22 +77,43 @@ OCTOBRICK_INLINE bool column_ranges(const RowReader<T>& reader, Zyx begin, Zyx e
 
 // Step 2: columns to blocks. Writes the end points, and sets the quantiser of every column.
 template <class T>
-OCTOBRICK_INLINE void write_end_points(const EncodeJob& job, EncodeScratch<T>& scratch,
-                                       std::uint8_t* to) {
-    const std::size_t nx = job.voxels.shape.x;
-    const unsigned levels = (1u << job.bits) - 1;
-    for (std::size_t x = 0; x < nx; x += job.block.x, to += 2 * sizeof(T)) {
-        const std::size_t end = x + std::min(job.block.x, nx - x);
-        T ends[2] = {*std::min_element(&scratch.min[x], scratch.min.data() + end),
-                     *std::max_element(&scratch.max[x], scratch.max.data() + end)};
+OCTOBRICK_INLINE void write_end_points(const EncodeJob& job, EncodeScratch<T>& scratch, Zyx begin,
+                                       Zyx end, std::uint8_t* to) {
+    const unsigned last_index = (1u << job.bits) - 1;
+    if (job.fitted) scratch.rows.open(begin, end);
+    for (std::size_t x = 0, to_x; x < end.x; x = to_x, to += 2 * sizeof(T)) {
+        to_x = x + std::min(job.block.x, end.x - x);
+        T ends[2] = {*std::min_element(&scratch.min[x], scratch.min.data() + to_x),
+                     *std::max_element(&scratch.max[x], scratch.max.data() + to_x)};
+        if (job.fitted) {
+            scratch.block.gather(scratch.rows, x, {end.z - begin.z, end.y - begin.y, to_x - x});
+            const Range<T> range{ends[0], ends[1]};
+            const Levels levels = find_block_levels<T>(scratch.block, false, range, job.bits, true);
+            ends[0] = static_cast<T>(range.end_point(levels.first));
+            ends[1] = static_cast<T>(range.end_point(levels.last));
+            std::fill(&scratch.min[x], scratch.min.data() + to_x, ends[0]);
+            std::fill(&scratch.max[x], scratch.max.data() + to_x, ends[1]);
+        }
         if constexpr (std::is_floating_point_v<T>) {
             for (T& e : ends) {
                 e += T{0};  // −0 becomes +0: which zero is "less" must not depend on the order
             }
         }
         std::memcpy(to, ends, sizeof ends);
-        scratch.quantiser.set(x, end, ends[0], ends[1], levels);
+        scratch.quantiser.set(x, to_x, ends[0], ends[1], last_index);
     }
+}
+
+// Fitted end points lie within the block's range, so voxels can lie outside of them.
+template <class T>
+OCTOBRICK_INLINE const T* clamp_row(const EncodeScratch<T>& scratch, const T* row, std::size_t nx) {
+    const T* min = scratch.min.data();
+    const T* max = scratch.max.data();
+    for (std::size_t x = 0; x < nx; ++x) {
+        const T above = row[x] < min[x] ? min[x] : row[x];
+        scratch.clamped[x] = above > max[x] ? max[x] : above;
+    }
+    return scratch.clamped.data();
 }
 
 // Step 3: one row of voxels to one row of packed indices.
@@ -113,12 +148,14 @@ OCTOBRICK_INLINE void encode_slab(const EncodeJob& job, EncodeScratch<T>& scratc
         job.fault->report(slab, {Status::not_finite, {}, 0, 0});
         return;
     }
-    write_end_points(job, scratch, job.code + slab * job.layout.grid.x * 2 * sizeof(T));
+    write_end_points(job, scratch, begin, end, job.code + slab * job.layout.grid.x * 2 * sizeof(T));
 
     for (std::size_t z = begin.z; z < end.z; ++z) {
         for (std::size_t y = begin.y; y < end.y; ++y) {
+            const T* row = scratch.reader.row(z, y);
+            if (job.fitted) row = clamp_row(scratch, row, shape.x);
             write_row<T, B>(
-                scratch, scratch.reader.row(z, y), shape.x,
+                scratch, row, shape.x,
                 job.code + job.layout.end_points_nbytes + (z * shape.y + y) * job.layout.row_nbytes,
                 job.layout.row_nbytes);
         }
@@ -146,20 +183,11 @@ EncodeSlab<T> choose_encoder(unsigned bits, bool avx2, std::integer_sequence<uns
     return (avx2 ? kAvx2 : kBaseline)[bits - 1];
 }
 
-// The first voxel in memory order that is not finite.
-Outcome find_not_finite(const ConstVolume& voxels) {
-    const RowReader<float> reader(voxels);
-    for (std::size_t z = 0; z < voxels.shape.z; ++z) {
-        for (std::size_t y = 0; y < voxels.shape.y; ++y) {
-            const float* row = reader.row(z, y);
-            for (std::size_t x = 0; x < voxels.shape.x; ++x) {
-                if (!std::isfinite(row[x])) {
-                    return {Status::not_finite, {z, y, x}, row[x], row[x]};
-                }
-            }
-        }
-    }
-    return {Status::not_finite, {}, 0, 0};  // someone changed the voxels meanwhile
+// No larger than the volume.
+Zyx whole_block(const EncodeJob& job) {
+    const Zyx shape = job.voxels.shape;
+    return {std::min(job.block.z, shape.z), std::min(job.block.y, shape.y),
+            std::min(job.block.x, shape.x)};
 }
 
 template <class T>
@@ -174,7 +202,7 @@ void run_encode(const EncodeJob& job, Execution execution) {
     std::vector<EncodeScratch<T>> scratch;
     scratch.reserve(threads);
     for (unsigned i = 0; i < threads; ++i) {
-        scratch.emplace_back(job.voxels);
+        scratch.emplace_back(job.voxels, job.fitted ? whole_block(job) : Zyx{});
     }
     parallel_for(slabs, threads, [&](std::size_t slab, unsigned worker) {
         encode_slab(job, scratch[worker], slab);
@@ -193,14 +221,17 @@ Outcome encode(const S3dc& codec, const ConstVolume& voxels, std::span<std::byte
     if (code.size() != layout.nbytes) {
         return {Status::wrong_nbytes, {}, 0, 0};
     }
+    auto* bytes = reinterpret_cast<std::uint8_t*>(code.data());
+    if (codec.scaled) return detail::encode_scaled(codec, voxels, layout, bytes, execution);
     detail::FirstFault fault;
-    const detail::EncodeJob job{
-        voxels, codec.block, codec.bits, layout, reinterpret_cast<std::uint8_t*>(code.data()),
-        &fault};
+    const detail::EncodeJob job{voxels, codec.block, codec.bits, codec.fitted,
+                                layout, bytes,       &fault};
     detail::with_sample_type(voxels.type,
                              [&]<class T>(T) { detail::run_encode<T>(job, execution); });
     if (fault.outcome().status == Status::not_finite) {
-        return detail::find_not_finite(voxels);
+        const Outcome first = detail::find_not_finite(voxels);  // in memory order, not slab by slab
+        // There is none any more if someone changed the voxels meanwhile.
+        return first.status != Status::ok ? first : Outcome{Status::not_finite, {}, 0, 0};
     }
     return {};
 }

@@ -251,6 +251,41 @@ def test_s3dc_bounds_hold_for_every_voxel(dtype: str, bits: int) -> None:
     assert (np.abs(decoded - volume) <= per_voxel * (1 + 1e-6) + rounding).all()
 
 
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
+@pytest.mark.parametrize("predicted", [False, True])
+def test_bounds_of_bounded_and_scaled_codes_hold_for_every_voxel(
+    dtype: str, predicted: bool
+) -> None:
+    rng = np.random.default_rng(6)
+    waves = np.sin(np.indices((13, 18, 22)).sum(0) / 6) * 60 + rng.normal(0, 2, (13, 18, 22))
+    voxels = (waves + 90).astype(dtype)
+    prediction = np.roll(voxels, 1, axis=1) if predicted else None
+    codecs = [S3dc((4, 4, 4), max_error=3), S3dc((4, 4, 8), max_error=0)]
+    codecs += [] if predicted else [S3dc((4, 5, 6), 2, scale="trained")]
+    for codec in codecs:
+        code = codec.encode(voxels, prediction=prediction)
+        decoded = codec.decode(code, voxels.shape, dtype, prediction=prediction)
+        bounds = deblock.s3dc_bounds(codec, code, voxels.shape, dtype, predicted=predicted)
+        for axis, (n, b) in enumerate(zip(voxels.shape, codec.block, strict=True)):
+            bounds = bounds.take(np.arange(n) // b, axis)
+        rounding = 0.5 if np.dtype(dtype).kind != "f" else 1e-4  # float32 near 150
+        off = np.abs(decoded.astype(np.float64) - voxels.astype(np.float64))
+        assert (off <= bounds + rounding).all()
+        if codec.max_error is not None:
+            assert bounds.max() <= codec.max_error
+
+
+def test_blocks_of_one_value_among_others_have_the_bounds_of_those() -> None:
+    voxels = np.random.default_rng(2).integers(0, 30, (8, 8, 16)).astype(np.uint8)
+    voxels[:, :, 8:] //= 10
+    codec = S3dc((4, 4, 4), bits_per_voxel=1.5)
+    code = codec.encode(voxels)
+    widths = codec.block_widths(code, voxels.shape, voxels.dtype)
+    bounds = deblock.s3dc_bounds(codec, code, voxels.shape, voxels.dtype)
+    assert set(np.unique(widths)) >= {0, 2}
+    assert (bounds[widths == 0] == np.median(bounds[widths > 0])).all()
+
+
 def test_smooth_data_at_two_bits_gain_and_lose_their_seams() -> None:
     z, y, x = np.indices((32, 32, 32))
     volume = (100 * np.sin(x / 9) * np.cos(y / 11) + 3 * z).astype(np.float32)

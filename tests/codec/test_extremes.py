@@ -59,6 +59,7 @@ Denormal samples (S Z G D)
 
 NaN and ±Inf, refused by their place (S Z G D)
     S test_s3dc_refuses.test_the_first_voxel_that_is_not_finite_is_named
+    S test_s3dc_promises.test_the_caller_may_say_what_replaces_voxels_that_are_not_finite
     Z test_zerobit_refuses.test_a_voxel_that_is_not_finite_is_named
     G test_gradient_field.test_a_voxel_that_is_not_finite_is_named
     G test_gradient_code.test_what_is_not_finite_is_refused_by_its_place

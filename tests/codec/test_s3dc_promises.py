@@ -15,6 +15,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from octobrick.codec import S3dc, metrics
+from octobrick.codec.errors import InvalidInputError
 
 FLOAT_MAX = np.finfo(np.float32).max
 FLOAT_TINY = np.finfo(np.float32).smallest_subnormal
@@ -137,6 +138,19 @@ def test_a_maximum_far_smaller_than_the_minimum_is_not_exceeded() -> None:
     """max − min is rounded to −min here, so only the clamp keeps the result from being 0."""
     array = np.array([-1e30, -1e-30], np.float32).reshape(1, 1, 2)
     np.testing.assert_array_equal(round_trip(S3dc(bits=1), array), array)
+
+
+@pytest.mark.parametrize("codec", [S3dc(), S3dc(max_error=0), S3dc(bits=2, fitted=True)], ids=str)
+def test_the_caller_may_say_what_replaces_voxels_that_are_not_finite(codec: S3dc) -> None:
+    """And one NaN does not spoil the end points of its block."""
+    array = np.linspace(-3, 5, 60, dtype=np.float32).reshape(3, 4, 5)
+    array[0, 1, 2], array[1, 0, 0], array[2, 3, 4] = np.nan, np.inf, -np.inf
+    clean = np.where(np.isfinite(array), array, np.float32(-1))
+    assert codec.encode(array, replace_nonfinite=-1) == codec.encode(clean)
+    with pytest.raises(InvalidInputError, match="replace_nonfinite is nan"):
+        codec.encode(array, replace_nonfinite=math.nan)
+    integers = np.arange(8, dtype=np.int16).reshape(2, 2, 2)
+    assert codec.encode(integers, replace_nonfinite=5) == codec.encode(integers)
 
 
 def test_negative_zero_decodes_as_zero() -> None:

@@ -58,16 +58,37 @@ def test_ome_metadata_places_every_level_where_its_voxels_are(ingested: Ingested
         assert tuple(reversed(translation["translation"][2:])) == level.origin_xyz
 
 
+@pytest.mark.parametrize(
+    "codec",
+    [S3dc(bits=8), S3dc((4, 4, 4), max_error=0), S3dc(bits_per_voxel=3.5, fitted=False),
+     S3dc(slope=20), S3dc(bits=2, fitted=True), S3dc(bits=3, scale="trained")],
+    ids=str,
+)  # fmt: skip
 def test_zarr_python_writes_and_reads_through_our_codec(
-    tmp_path_factory: pytest.TempPathFactory,
+    tmp_path_factory: pytest.TempPathFactory, codec: S3dc
 ) -> None:
     path = tmp_path_factory.mktemp("zarr") / "array"
     voxels = smooth((20, 20, 20), "uint8")
     array = zarr.create_array(
-        path, shape=voxels.shape, chunks=(8, 8, 8), dtype="uint8", serializer=S3dcZarrCodec(bits=8)
+        path,
+        shape=voxels.shape,
+        chunks=(8, 8, 8),
+        shards=(16, 16, 16),
+        dtype="uint8",
+        serializer=S3dcZarrCodec(codec),
     )
     array[...] = voxels
-    np.testing.assert_array_equal(zarr.open_array(path, mode="r")[...], voxels)
+    found = zarr.open_array(path, mode="r")
+    brick = voxels[8:16, :8, :8]
+    expected = codec.decode(codec.encode(brick), brick.shape, brick.dtype)
+    np.testing.assert_array_equal(found[8:16, :8, :8], expected)
+    assert S3dcZarrCodec.from_dict(S3dcZarrCodec(codec).to_dict()).codec == codec
+
+
+def test_volumes_of_codes_that_no_renderer_decodes_are_refused(ingested: Ingested) -> None:
+    for codec in (S3dc(max_error=2), S3dc(bits=4, scale="trained")):
+        with pytest.raises(UnsupportedError, match="fixed rate and with a linear scale"):
+            ingested(smooth((8, 8, 8), "uint8"), codec=codec, brick=8, shard=2)
 
 
 def test_an_array_that_the_codec_cannot_hold_is_refused_when_it_is_made() -> None:
@@ -83,7 +104,10 @@ def test_an_array_that_the_codec_cannot_hold_is_refused_when_it_is_made() -> Non
     "configuration",
     [{}, {"version": 2, "block": [8, 8, 8], "bits": 4}, {"version": 1, "block": [8, 8], "bits": 4},
      {"version": 1, "block": [0, 8, 8], "bits": 4}, {"version": 1, "block": [8, 8, 8], "bits": 9},
-     {"version": 1, "block": [8, 8, 8], "bits": True}, {"version": 1, "block": "888", "bits": 4}],
+     {"version": 1, "block": [8, 8, 8], "bits": True}, {"version": 1, "block": [8, 8, 8]},
+     {"version": 1, "block": [8, 8, 8], "bits": 4, "max_error": 2.0},
+     {"version": 1, "block": [8, 8, 8], "bits": 4, "colour": 2},
+     {"version": 1, "block": "888", "bits": 4}],
 )  # fmt: skip
 def test_a_configuration_that_is_not_ours_is_refused(configuration: dict[str, object]) -> None:
     with pytest.raises(OctobrickError, match=r"octobrick\.s3dc|S3dc|block|bits"):

@@ -24,6 +24,18 @@ class Status(enum.Enum):
 
     BAD_PADDING = 8
 
+    BAD_WIDTHS = 9
+
+    BUDGET_TOO_SMALL = 10
+
+    WRONG_PREDICTION = 11
+
+    BAD_GROUPS = 12
+
+    BAD_RAW = 13
+
+    BAD_SCALES = 14
+
 class Outcome:
     """A status, where, and the two values that it is about."""
 
@@ -37,12 +49,22 @@ class Outcome:
     def second(self) -> float: ...
 
 def layout_nbytes(
-    shape: tuple[int, int, int], sample_nbytes: int, block: tuple[int, int, int], bits: int
+    shape: tuple[int, int, int],
+    sample_nbytes: int,
+    block: tuple[int, int, int],
+    bits: int,
+    scaled: bool = False,
 ) -> Outcome | tuple[int, int]:
     """Bytes of the end points and of the whole code, or what is wrong."""
 
 def encode(
-    array: object, block: tuple[int, int, int], bits: int, threads: int = 0, simd: bool = True
+    array: object,
+    block: tuple[int, int, int],
+    bits: int,
+    threads: int = 0,
+    simd: bool = True,
+    fitted: bool = False,
+    scaled: bool = False,
 ) -> Outcome | bytes:
     """The code of an array (z, y, x), or what is wrong with it."""
 
@@ -53,11 +75,15 @@ def decode_into(
     bits: int,
     threads: int = 0,
     simd: bool = True,
+    scaled: bool = False,
 ) -> Outcome:
     """Decode into an array (z, y, x) of the voxels' shape and type."""
 
 def mean2_into(fine: object, coarse: object, threads: int = 0, simd: bool = True) -> bool:
     """Reduce to half the shape, rounded up; False where they do not fit."""
+
+def upsample2_into(coarse: object, fine: object, threads: int = 0, simd: bool = True) -> bool:
+    """Interpolate to twice the shape; False where they do not fit."""
 
 def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]:
     """Count, max |a - b|, sum of (a - b)^2; whole for integer arrays."""
@@ -106,6 +132,51 @@ def decode_directions_into(
     codes: object, vectors: object, threads: int = 0, simd: bool = True
 ) -> None:
     """The unit vectors of codes."""
+
+class WidthRule(enum.Enum):
+    """How widths are chosen; see s3dc_variable.h."""
+
+    SAME = 0
+
+    BOUND = 1
+
+    BUDGET = 2
+
+    SLOPE = 3
+
+def variable_encode(
+    array: object,
+    block: tuple[int, int, int],
+    rule: WidthRule,
+    value: float,
+    fitted: bool,
+    prediction: object | None,
+    threads: int = 0,
+    simd: bool = True,
+) -> Outcome | bytes:
+    """The code of an array (z, y, x), or what is wrong with it."""
+
+def variable_decode_into(
+    data: object,
+    out: object,
+    block: tuple[int, int, int],
+    prediction: object | None,
+    threads: int = 0,
+    simd: bool = True,
+) -> Outcome:
+    """Decode into an array (z, y, x) of the voxels' shape and type."""
+
+def variable_layout(
+    shape: tuple[int, int, int], sample_nbytes: int, block: tuple[int, int, int], predicted: bool
+) -> Outcome | tuple[int, int, int, int]:
+    """Where groups, flags and payload begin; bytes of a unit; or a fault."""
+
+class SlopeFinder:
+    """One slope for many volumes; see s3dc_variable.h."""
+
+    def __init__(self, block: tuple[int, int, int], fitted: bool, sample_type: int) -> None: ...
+    def add(self, array: object, prediction: object | None, threads: int = 0) -> Outcome: ...
+    def slope(self, bits_per_voxel: float) -> float: ...
 
 class ZerobitStatus(enum.Enum):
     """How a call ended; see octobrick/codec/zerobit.h."""

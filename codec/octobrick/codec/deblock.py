@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from octobrick.codec import _native
 from octobrick.codec.arrays import (
@@ -23,16 +23,14 @@ from octobrick.codec.arrays import (
     Zyx,
     contiguous,
     not_finite,
-    require_dtype,
     require_extents,
     require_threads,
     require_volume,
 )
-from octobrick.codec.errors import CorruptBrickError, InvalidInputError
-from octobrick.codec.s3dc import S3dc
+from octobrick.codec.errors import InvalidInputError
+from octobrick.codec.s3dc_bounds import s3dc_bounds
 
-if TYPE_CHECKING:
-    from typing_extensions import Buffer
+__all__ = ["rational_bezier", "s3dc_bounds"]
 
 Limit = Literal["auto", "ramp", "clamp"]
 Axes = Literal["average", "sequential"]
@@ -104,53 +102,6 @@ def rational_bezier(
     if fault is not None:
         raise not_finite(volume, fault, "it cannot be filtered")
     return filtered
-
-
-def s3dc_bounds(
-    codec: S3dc, data: Buffer, shape: Iterable[int], dtype: DTypeLike
-) -> NDArray[np.float32]:
-    """The greatest error of each block of an S3Dc code, from its end points.
-
-    (max − min) / (2·(2^bits − 1)); 0 for integers whose block has no more values than indices, as
-    they are exact. Rounding to the sample type, at most 1/2 for integers, is left out: the filter
-    works before it. For `rational_bezier`.
-
-    Args:
-        codec: what made the code.
-        data: the code.
-        shape: (z, y, x) of the encoded array.
-        dtype: its sample type.
-
-    Returns:
-        float32 (nbz, nby, nbx).
-
-    Raises:
-        CorruptBrickError: the code is too short, or has end points that no code has.
-        InvalidInputError: a shape that no array has.
-        UnsupportedError: another sample type.
-    """
-    sample, shape_zyx = require_dtype(dtype), require_extents(shape, "shape")
-    view = memoryview(data)
-    nbytes, given = codec.end_points_nbytes(shape_zyx, sample), view.nbytes
-    if given < nbytes:
-        raise CorruptBrickError(
-            f"the end points of {shape_zyx} {sample} voxels with {codec} have {nbytes} bytes, but "
-            f"{given} were given; fetch them again, or check shape and parameters",
-            expected_nbytes=nbytes,
-            given_nbytes=given,
-        )
-    ends = np.frombuffer(view, sample.newbyteorder("<"), nbytes // sample.itemsize)
-    grid = [-(-n // b) for n, b in zip(shape_zyx, codec.block, strict=True)]
-    low, high = np.moveaxis(ends.astype(np.float64).reshape(*grid, 2), -1, 0)
-    extent = high - low
-    if not (extent >= 0).all() or not np.isfinite(extent).all():
-        raise CorruptBrickError(
-            "a block's minimum is above its maximum, or not finite: not what encode writes; "
-            "fetch the bytes again"
-        )
-    levels = 2**codec.bits - 1
-    exact = sample.kind != "f" and extent <= levels
-    return np.where(exact, 0, extent / (2 * levels)).astype(np.float32)
 
 
 def _require_choices(limit: str, axes: str) -> None:

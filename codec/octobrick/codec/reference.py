@@ -127,3 +127,14 @@ def mean2(array: Array) -> Array:
     eight = columns[:, :, 0::2] + columns[:, :, 1::2]
     means: Array = eight / 8 if array.dtype.kind == "f" else (eight + 4) // 8
     return means.astype(array.dtype)
+
+
+def upsample2(coarse: Array, shape: Zyx) -> Array:
+    """Twice the resolution: 3/4 of the voxel that holds the finer one, 1/4 of the nearer other."""
+    wide: Array = coarse.astype(np.float64 if coarse.dtype.kind == "f" else np.int64)
+    for axis in (1, 0, 2):
+        at = np.arange(shape[axis])
+        near = np.clip(at // 2 + np.where(at % 2, 1, -1), 0, coarse.shape[axis] - 1)
+        wide = 3 * wide.take(at // 2, axis) + wide.take(near, axis)
+    values: Array = wide / 64 if coarse.dtype.kind == "f" else (wide + 32) // 64
+    return values.astype(coarse.dtype)

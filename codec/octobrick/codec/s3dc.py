@@ -1,22 +1,23 @@
-"""S3Dc: fixed-rate, randomly accessible compression of scalar volumes.
+"""S3Dc: block-wise, randomly accessible compression of scalar volumes, at a fixed or variable rate.
 
 Yela, Navazo, Vázquez, "S3Dc: A 3Dc-based Volume Compression Algorithm", 2008. The bytes are
-specified in docs/spec/s3dc.md; `octobrick.codec.reference` is the same in plain numpy.
+specified in docs/spec/s3dc.md and docs/spec/s3dc-variable.md; `octobrick.codec.reference` and
+`octobrick.codec.reference_variable` are the same in plain numpy.
 """
 
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import KW_ONLY, dataclass, fields
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-from numpy.typing import DTypeLike
+from numpy.typing import DTypeLike, NDArray
 
-from octobrick.codec import _native
+from octobrick.codec import _native, metrics
 from octobrick.codec.arrays import (
+    SAMPLE_DTYPES,
     Voxels,
     Zyx,
     require_dtype,
@@ -24,7 +25,10 @@ from octobrick.codec.arrays import (
     require_threads,
     require_volume,
 )
-from octobrick.codec.errors import CorruptBrickError, InvalidInputError, NotFiniteError
+from octobrick.codec.errors import InvalidInputError
+from octobrick.codec.s3dc_faults import cannot_encode, corrupt
+from octobrick.codec.s3dc_layout import fixed_layout, grid_of, require_nbytes, variable_layout
+from octobrick.codec.s3dc_rule import native_rule, require_fitted, require_rule, require_scale
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -35,13 +39,17 @@ _FLOAT32_ROUNDING = 2.0**-24 * (1 + 2.0**-20)
 _FLOAT32_TINY = 2.0**-149
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class S3dc:
-    """A block-wise code: each block keeps its minimum and maximum, each voxel an index between.
+    """A block-wise code: each block keeps two end points, each voxel an index between.
 
-    The code's size depends on shape, type and these parameters alone, and any voxel can be
-    decoded by itself, so a GPU can keep it compressed. Every decoded voxel lies within its
-    block's minimum and maximum, at most `error_bound` away from the original.
+    Any voxel can be decoded by itself, so a GPU can keep it compressed. No decoded voxel leaves
+    the range of its block (but for rounding where there is a prediction).
+
+    One of `bits`, `max_error`, `bits_per_voxel` and `slope` says how many bits an index has. With
+    `bits`, 4 unless told otherwise, all have the same, and the size depends on shape and type
+    alone. With the others every block has a width of its own, from none, for one value, to as
+    many as a sample has, which copies it.
 
     An instance is an immutable value; every method is safe to call from many threads, and lets
     other Python threads run meanwhile. Results depend neither on the number of threads nor on the
@@ -49,105 +57,222 @@ class S3dc:
 
     Args:
         block: voxels per block (z, y, x), each at least 1. Blocks that reach over the volume are
-            cut at its faces.
+            cut at its faces. Variable widths take blocks of 4³ or 8³ voxels, or other multiples of
+            32.
         bits: bits per index, 1 to 8. GPU textures take 1, 2, 4 and 8.
+        max_error: no voxel is further off than this, at least 0; blocks get the fewest bits.
+        bits_per_voxel: the size, end points and tables included; bits go to the blocks where they
+            lower the squared error most.
+        slope: bits go wherever each lowers the squared error by this much or more; `balanced`
+            finds it for many volumes.
+        fitted: whether end points are put where they lower the squared error, instead of at the
+            least and the greatest voxel. None fits with `bits_per_voxel` and `slope`. With
+            `max_error` they are put where they lower the largest error. `block_ranges` tells the
+            true range, for culling.
+        scale: "linear" spaces the values between end points evenly; "trained" chooses for each
+            block among eight scales that are found for the array (only with `bits`).
 
     Raises:
-        InvalidInputError: a parameter is out of its range.
+        InvalidInputError: a parameter is out of its range, or does not go with another.
     """
 
     block: Zyx = (8, 8, 8)
-    bits: int = 4
+    bits: int | None = None
+    _: KW_ONLY
+    max_error: float | None = None
+    bits_per_voxel: float | None = None
+    slope: float | None = None
+    fitted: bool | None = None
+    scale: Literal["linear", "trained"] = "linear"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "block", require_extents(self.block, "S3dc block"))
-        try:
-            bits = operator.index(self.bits)
-        except TypeError as error:
-            raise InvalidInputError(f"S3dc bits must be an integer: {error}") from error
-        if not 1 <= bits <= 8:
-            raise InvalidInputError(f"S3dc bits is {bits}; give 1 to 8 bits per index", bits=bits)
-        object.__setattr__(self, "bits", bits)
+        rule, value = require_rule(self)
+        object.__setattr__(self, rule, value)
+        object.__setattr__(self, "fitted", require_fitted(self, rule))
+        require_scale(self, rule, bool(self.fitted))
 
-    def encode(self, array: Voxels, *, threads: int | None = None) -> bytes:
+    def __repr__(self) -> str:
+        named = ((f.name, getattr(self, f.name)) for f in fields(self))
+        return (
+            f"S3dc({', '.join(f'{k}={v!r}' for k, v in named if v not in (None, False, 'linear'))})"
+        )
+
+    @classmethod
+    def balanced(
+        cls,
+        arrays: Iterable[Voxels],
+        bits_per_voxel: float,
+        *,
+        block: Zyx = (8, 8, 8),
+        fitted: bool = True,
+        predictions: Iterable[Voxels] | None = None,
+        threads: int | None = None,
+    ) -> Self:
+        """A codec with the one `slope` at which arrays together have so many bits per voxel.
+
+        Bricks of a volume, coded with it one by one, get bits where these help most in all of
+        them; empty bricks give theirs away.
+
+        Args:
+            arrays: of one type; each is looked at once, and not kept.
+            bits_per_voxel: for all of them together, to be reached within some percent from below.
+            block: of the codec, as is `fitted`.
+            predictions: as in `encode`, one for each array.
+            threads: as in `encode`.
+
+        Raises:
+            InvalidInputError: no arrays, arrays of several types, or too few bits.
+            NotFiniteError, UnsupportedError: as `encode`.
+        """
+        codec = cls(block, bits_per_voxel=bits_per_voxel, fitted=fitted)
+        others = None if predictions is None else iter(predictions)
+        finder, first = None, None
+        for array in arrays:
+            array = require_volume(array)
+            prediction = _require_prediction(None if others is None else next(others), array)
+            if finder is None:
+                first = array.dtype
+                finder = _native.SlopeFinder(codec.block, fitted, SAMPLE_DTYPES.index(first))
+            if array.dtype != first:
+                raise InvalidInputError(
+                    f"a slope is for one type, but there are arrays of {first} and {array.dtype}"
+                )
+            outcome = finder.add(array, prediction, require_threads(threads))
+            if outcome.status is not _native.Status.OK:
+                raise cannot_encode(outcome, array.shape)
+        if finder is None:
+            raise InvalidInputError("there are no arrays to find a slope for; give at least one")
+        assert codec.bits_per_voxel is not None
+        slope = finder.slope(codec.bits_per_voxel)
+        # Infinite where no block can have an index: only end points fit, or not even these.
+        return cls(block, slope=min(slope, np.finfo(np.float64).max), fitted=fitted)
+
+    @property
+    def variable(self) -> bool:
+        """Whether blocks have widths of their own."""
+        return self.bits is None
+
+    def encode(
+        self,
+        array: Voxels,
+        *,
+        prediction: Voxels | None = None,
+        replace_nonfinite: float | None = None,
+        threads: int | None = None,
+    ) -> bytes:
         """The code of an array.
 
         Args:
             array: (z, y, x), of uint8, int8, uint16, int16 or float32. Any strides are read in
                 place; only a foreign byte order costs a copy.
+            prediction: an array of the same shape and type that the decoder will have too, such
+                as the upsampled parent level (`reduce.upsample2`) or the time step before. Blocks
+                are coded as differences to it where that is better. The code is then of the
+                variable form, even with `bits`.
+            replace_nonfinite: what stands for NaN and ±Inf; by default they are refused.
             threads: how many may work; None is one, or all processors from 4 MiB on.
 
         Raises:
-            InvalidInputError: not three axes, or an empty one.
-            NotFiniteError: a float32 voxel is NaN or infinite.
+            InvalidInputError: not three axes, an empty one, another prediction, or a
+                `bits_per_voxel` that end points and tables exceed.
+            NotFiniteError: a float32 voxel, or one of the prediction, is NaN or infinite.
             UnsupportedError: another sample type.
         """
-        array = require_volume(array)
-        result = _native.encode(array, self.block, self.bits, require_threads(threads))
+        array = _finite(require_volume(array), replace_nonfinite)
+        prediction = _require_prediction(prediction, array)
+        workers = require_threads(threads)
+        if self.variable or prediction is not None:
+            rule, value = native_rule(self)
+            result = _native.variable_encode(
+                array, self.block, rule, value, bool(self.fitted), prediction, workers
+            )
+        else:
+            assert self.bits is not None
+            result = _native.encode(
+                array,
+                self.block,
+                self.bits,
+                workers,
+                fitted=bool(self.fitted),
+                scaled=self.scale == "trained",
+            )
         if isinstance(result, bytes):
             return result
-        if result.status is _native.Status.NOT_FINITE:
-            raise NotFiniteError(
-                f"voxel (z, y, x) = {result.at} is {result.first}: S3dc encodes finite numbers; "
-                "replace such voxels first, for instance with the background's value",
-                voxel_zyx=list(result.at),
-                value=str(result.first),
-            )
-        raise _too_large(array.shape)
+        raise cannot_encode(result, array.shape)
 
     def decode(
-        self, data: Buffer, shape: Iterable[int], dtype: DTypeLike, *, threads: int | None = None
+        self,
+        data: Buffer,
+        shape: Iterable[int],
+        dtype: DTypeLike,
+        *,
+        prediction: Voxels | None = None,
+        threads: int | None = None,
     ) -> Voxels:
         """The voxels of a code, as a new C-contiguous array.
 
-        Safe for hostile bytes: nothing is allocated before the size is found to be right.
+        Safe for hostile bytes: nothing is allocated before the size is found to be right, or for a
+        variable rate at least as long as its tables.
 
         Args:
             data: what `encode` returned, in any contiguous buffer.
             shape: (z, y, x) of the encoded array.
             dtype: its sample type.
+            prediction: what `encode` was given.
             threads: how many may work; None is one, or all processors from 4 MiB on.
 
         Raises:
             CorruptBrickError: the bytes are not a code of this shape, type and parameters.
-            InvalidInputError: a shape that no array has.
+            InvalidInputError: a shape that no array has, or another prediction.
             UnsupportedError: another sample type.
         """
         shape_zyx, sample_dtype = require_extents(shape, "shape"), require_dtype(dtype)
-        nbytes = self.encoded_nbytes(shape_zyx, sample_dtype)
         view = memoryview(data)
         if not view.c_contiguous:
             raise InvalidInputError("a code must be contiguous in memory; pass bytes(data)")
-        if view.nbytes != nbytes:
-            raise CorruptBrickError(
-                f"the code of {shape_zyx} {sample_dtype} voxels with {self} has {nbytes} bytes, "
-                f"but {view.nbytes} were given; fetch them again, or check shape and parameters",
-                expected_nbytes=nbytes,
-                given_nbytes=view.nbytes,
-            )
+        variable = self.variable or prediction is not None
+        require_nbytes(self, view, shape_zyx, sample_dtype, prediction is not None)
         out: Voxels = np.empty(shape_zyx, sample_dtype)
-        outcome = _native.decode_into(view, out, self.block, self.bits, require_threads(threads))
+        workers = require_threads(threads)
+        if variable:
+            prediction = _require_prediction(prediction, out)
+            outcome = _native.variable_decode_into(view, out, self.block, prediction, workers)
+        else:
+            assert self.bits is not None
+            outcome = _native.decode_into(
+                view, out, self.block, self.bits, workers, scaled=self.scale == "trained"
+            )
+        if outcome.status is _native.Status.NOT_FINITE:
+            raise cannot_encode(outcome, shape_zyx)
         if outcome.status is not _native.Status.OK:
-            raise _corrupt(outcome)
+            raise corrupt(outcome)
         return out
 
     def encoded_nbytes(self, shape: Iterable[int], dtype: DTypeLike) -> int:
         """How long `encode` makes the code of any array of this shape and type.
 
         Raises:
-            InvalidInputError: a shape that no array has.
+            InvalidInputError: a shape that no array has, or a variable rate, whose size depends on
+                the voxels.
             UnsupportedError: another sample type.
         """
-        return self._layout_nbytes(shape, dtype)[1]
+        shape_zyx, sample = require_extents(shape, "shape"), require_dtype(dtype)
+        if self.bits is None:
+            raise InvalidInputError(
+                f"the size of a code of {self} depends on the voxels; encode them and look"
+            )
+        return fixed_layout(self, shape_zyx, sample).nbytes
 
     def end_points_nbytes(self, shape: Iterable[int], dtype: DTypeLike) -> int:
-        """How many bytes the end points (MMV) take: the offset of the indices (IV) in the code.
+        """How many bytes the end points (MMV) take, which a code begins with.
 
         Raises:
             InvalidInputError: a shape that no array has.
             UnsupportedError: another sample type.
         """
-        return self._layout_nbytes(shape, dtype)[0]
+        shape_zyx, sample = require_extents(shape, "shape"), require_dtype(dtype)
+        return fixed_layout(self, shape_zyx, sample).end_points_nbytes
 
     def compression_ratio(self, shape: Iterable[int], dtype: DTypeLike) -> float:
         """Bytes of the voxels over bytes of their code, row padding and cut blocks included.
@@ -155,27 +280,31 @@ class S3dc:
         Where blocks divide the shape and rows need no padding, this is the paper's eq. 5.
 
         Raises:
-            InvalidInputError: a shape that no array has.
-            UnsupportedError: another sample type.
+            InvalidInputError, UnsupportedError: as `encoded_nbytes`.
         """
         shape_zyx, sample_dtype = require_extents(shape, "shape"), require_dtype(dtype)
         nbytes = math.prod(shape_zyx) * sample_dtype.itemsize
         return nbytes / self.encoded_nbytes(shape_zyx, sample_dtype)
 
-    def error_bound(self, array: Voxels) -> float:
+    def error_bound(self, array: Voxels, *, prediction: Voxels | None = None) -> float:
         """The most by which any decoded voxel of this array can differ from the original.
 
-        With R the widest block's range and L = 2^bits − 1: for integers floor(R/(2L) + 1/2), and
-        0 if R <= L (the paper's eq. 6, for these data); for float32 the largest R/(2L) plus one
-        rounding to float32, of any block that is not constant.
+        With `bits` and end points that are least and greatest, it follows from these: with R the
+        widest block's range and L = 2^bits − 1, for integers floor(R/(2L) + 1/2), and 0 if R <= L
+        (the paper's eq. 6, for these data); for float32 the largest R/(2L) plus one rounding to
+        float32, of any block that is not constant. Otherwise the array is encoded and decoded, and
+        the bound is what was found: exactly what any decoder will find.
 
         Raises:
             InvalidInputError, NotFiniteError, UnsupportedError: as `encode`.
         """
         array = require_volume(array)
-        end_points_nbytes = self.end_points_nbytes(array.shape, array.dtype)
-        ends = np.frombuffer(self.encode(array)[:end_points_nbytes], array.dtype).reshape(-1, 2)
-        levels = 2**self.bits - 1
+        if self.variable or self.fitted or self.scale == "trained" or prediction is not None:
+            code = self.encode(array, prediction=prediction)
+            decoded = self.decode(code, array.shape, array.dtype, prediction=prediction)
+            return metrics.max_error(array, decoded)
+        assert self.bits is not None
+        ends, levels = self.block_ranges(array).reshape(-1, 2), 2**self.bits - 1
         if array.dtype.kind == "f":
             low, high = ends.T.astype(np.float64)
             greatest = np.maximum(np.abs(low), np.abs(high))
@@ -185,33 +314,73 @@ class S3dc:
         widest = int(np.diff(ends.astype(np.int64)).max())
         return float((widest + levels) // (2 * levels) if widest > levels else 0)
 
-    def _layout_nbytes(self, shape: Iterable[int], dtype: DTypeLike) -> tuple[int, int]:
-        shape_zyx, sample_dtype = require_extents(shape, "shape"), require_dtype(dtype)
-        layout = _native.layout_nbytes(shape_zyx, sample_dtype.itemsize, self.block, self.bits)
-        if isinstance(layout, tuple):
-            return layout
-        raise _too_large(shape_zyx)
+    def block_ranges(self, array: Voxels) -> Voxels:
+        """The least and the greatest voxel of every block, (nbz, nby, nbx, 2).
 
+        For culling, where the end points in the code are not the range.
 
-def _too_large(shape: tuple[Any, ...]) -> InvalidInputError:
-    return InvalidInputError(
-        f"a volume of {shape} voxels has more bytes than this machine can count",
-        shape=[str(n) for n in shape],
-    )
-
-
-def _corrupt(outcome: _native.Outcome) -> CorruptBrickError:
-    if outcome.status is _native.Status.BAD_END_POINTS:
-        return CorruptBrickError(
-            f"block (bz, by, bx) = {outcome.at} has minimum {outcome.first:g} and maximum "
-            f"{outcome.second:g}: not what encode writes; fetch the bytes again",
-            block_zyx=list(outcome.at),
-            minimum=str(outcome.first),
-            maximum=str(outcome.second),
+        Raises:
+            InvalidInputError, NotFiniteError, UnsupportedError: as `encode`.
+        """
+        array = require_volume(array)
+        code = S3dc(self.block, 1).encode(array)
+        nbytes = self.end_points_nbytes(array.shape, array.dtype)
+        return np.frombuffer(code[:nbytes], array.dtype).reshape(
+            *grid_of(self.block, array.shape), 2
         )
-    z, y, _ = outcome.at
-    return CorruptBrickError(
-        f"the row of voxels (z, y) = ({z}, {y}) has padding bits that are set, where encode "
-        "writes zeros; fetch the bytes again",
-        row_zy=[z, y],
-    )
+
+    def block_widths(
+        self, data: Buffer, shape: Iterable[int], dtype: DTypeLike, *, predicted: bool = False
+    ) -> NDArray[np.uint8]:
+        """The bits of an index in every block, (nbz, nby, nbx); those of a sample where it is raw.
+
+        Args:
+            data: a code, whose tables are believed.
+            shape: (z, y, x) of the encoded array.
+            dtype: its sample type.
+            predicted: whether it was made with a prediction.
+
+        Raises:
+            CorruptBrickError: the code is too short.
+            InvalidInputError, UnsupportedError: as `decode`.
+        """
+        shape_zyx, sample = require_extents(shape, "shape"), require_dtype(dtype)
+        grid = grid_of(self.block, shape_zyx)
+        if not (self.variable or predicted):
+            return np.full(grid, self.bits, np.uint8)
+        view = memoryview(data).cast("B")
+        require_nbytes(self, view, shape_zyx, sample, predicted)
+        layout = variable_layout(self, shape_zyx, sample, predicted)
+        words = (layout.flags_begin - layout.groups_begin) // 4
+        groups = np.frombuffer(view, "<u4", words, layout.groups_begin).reshape(-1, 2)
+        nibbles = groups[:, 1:] >> np.arange(0, 32, 4, dtype=np.uint32) & 15
+        widths = nibbles.astype(np.uint8).ravel()[: math.prod(grid)].reshape(grid)
+        return np.where(widths == 15, np.uint8(8 * sample.itemsize), widths)
+
+
+def _require_prediction(prediction: Voxels | None, array: Voxels) -> Voxels | None:
+    """The prediction in native byte order."""
+    if prediction is None:
+        return None
+    prediction = require_volume(prediction, "the prediction")
+    if prediction.shape != array.shape or prediction.dtype != array.dtype:
+        raise InvalidInputError(
+            f"the prediction is {prediction.shape} {prediction.dtype}, but the array "
+            f"{array.shape} {array.dtype}; give one of the same shape and type",
+            prediction_shape=list(prediction.shape),
+            shape=list(array.shape),
+        )
+    return prediction
+
+
+def _finite(array: Voxels, replacement: float | None) -> Voxels:
+    """The array with what is not finite replaced; copied only where there is such a voxel."""
+    if replacement is None or array.dtype.kind != "f":
+        return array
+    value = array.dtype.type(replacement)
+    if not np.isfinite(value):
+        raise InvalidInputError(
+            f"replace_nonfinite is {replacement}; give a number that {array.dtype} can hold"
+        )
+    finite = np.isfinite(array)
+    return array if finite.all() else np.where(finite, array, value)

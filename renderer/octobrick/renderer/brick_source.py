@@ -25,8 +25,12 @@ class BlockCode(Protocol):
         """Voxels of a block along (z, y, x)."""
 
     @property
-    def bits(self) -> int:
-        """Bits of an index, 1 to 8."""
+    def bits(self) -> int | None:
+        """Bits of an index, 1 to 8; None where every block has its own, which nothing draws yet."""
+
+    @property
+    def scale(self) -> str:
+        """How indices lie between end points; only "linear" is drawn yet."""
 
 
 class SourceLevel(Protocol):

@@ -89,6 +89,12 @@ class CodeLayout:
         if source.codec is None:
             return cls(dtype.name, brick, None, 0, (_part("voxels", 1, dtype, brick[::-1]),))
         block, bits = source.codec.block, source.codec.bits
+        if bits is None or source.codec.scale != "linear":
+            raise UnsupportedError(
+                f"the renderer decodes S3Dc at a fixed rate and with a linear scale, not "
+                f"{source.codec}; ingest the volume with bits",
+                codec=str(source.codec),
+            )
         blocks_xyz = tuple(ceil_div(n, b) for n, b in zip(brick, block, strict=True))[::-1]
         words_xyz = (ceil_div(brick[2] * bits, 16), brick[1], brick[0])
         parts = (

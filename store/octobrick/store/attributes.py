@@ -21,7 +21,12 @@ from octobrick.store.box import Zyx, ceil_div
 from octobrick.store.errors import VolumeFormatError
 from octobrick.store.shard import DIGEST_NBYTES
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
-from octobrick.store.zarr_codec import S3DC_NAME, s3dc_configuration, s3dc_from_configuration
+from octobrick.store.zarr_codec import (
+    S3DC_NAME,
+    require_volume_codec,
+    s3dc_configuration,
+    s3dc_from_configuration,
+)
 
 FORMAT_VERSION = 1
 BYTES_NAME = "bytes"
@@ -213,7 +218,7 @@ class _Fields:
             return None
         try:
             if value.get("name") == S3DC_NAME:
-                return s3dc_from_configuration(value.get("configuration"))
+                return require_volume_codec(s3dc_from_configuration(value.get("configuration")))
         except OctobrickError as error:
             raise VolumeFormatError(f"{self.where}: {error.message}", field="codec") from error
         raise self.wrong("codec", f"{BYTES_NAME} or {S3DC_NAME}; a newer octobrick may know it")

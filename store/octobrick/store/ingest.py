@@ -24,6 +24,7 @@ from octobrick.store.progress import ProgressCallback, ProgressMeter, peak_rss_n
 from octobrick.store.pyramid import Layer, LevelStream, level_shapes
 from octobrick.store.report import IngestResult, LevelReport
 from octobrick.store.sources import Source, open_source
+from octobrick.store.zarr_codec import require_volume_codec
 
 Voxels = NDArray[np.generic]
 
@@ -41,6 +42,7 @@ class IngestOptions:
 
     Raises:
         InvalidInputError: naming the option, its value and what it may be.
+        UnsupportedError: a codec whose codes volumes cannot hold.
     """
 
     codec: S3dc | None
@@ -52,6 +54,8 @@ class IngestOptions:
     workers: int | None
 
     def __post_init__(self) -> None:
+        if self.codec is not None:
+            require_volume_codec(self.codec)
         _require("brick", self.brick, attrs.BRICK_MIN, attrs.BRICK_MAX)
         if self.brick % 2:
             raise InvalidInputError(f"brick {self.brick}: must be even", brick=self.brick)

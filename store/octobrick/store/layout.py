@@ -48,7 +48,7 @@ def level_array(
         serializer=(
             BytesCodec(endian=None if dtype.itemsize == 1 else "little")
             if codec is None
-            else S3dcZarrCodec(block=codec.block, bits=codec.bits)
+            else S3dcZarrCodec(codec)
         ),
         compressors=ZstdCodec(level=zstd_level, checksum=True),
         fill_value=0,

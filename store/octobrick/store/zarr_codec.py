@@ -5,7 +5,7 @@ With octobrick installed, ``zarr.open`` reads the voxels of every level without 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
@@ -23,11 +23,29 @@ if TYPE_CHECKING:
 
 S3DC_NAME = "octobrick.s3dc"
 S3DC_VERSION = 1
+_TYPES: dict[str, tuple[type, ...]] = {
+    "bits": (int,),
+    "max_error": (int, float),
+    "bits_per_voxel": (int, float),
+    "slope": (int, float),
+    "fitted": (bool,),
+    "scale": (str,),
+}
+_RULES = ("bits", "max_error", "bits_per_voxel", "slope")
 
 
 def s3dc_configuration(codec: S3dc) -> dict[str, JSON]:
-    """The codec's parameters as they stand in ``zarr.json``."""
-    return {"version": S3DC_VERSION, "block": list(codec.block), "bits": codec.bits}
+    """The codec's parameters as they stand in ``zarr.json``: those that are not the default."""
+    configuration: dict[str, JSON] = {"version": S3DC_VERSION, "block": list(codec.block)}
+    for name in _RULES:
+        if (value := getattr(codec, name)) is not None:
+            configuration[name] = value
+    # Of the others only the scale matters to a reader.
+    plain = S3dc(codec.block, **{n: getattr(codec, n) for n in _RULES})
+    for name in ("fitted", "scale"):
+        if (value := getattr(codec, name)) != getattr(plain, name):
+            configuration[name] = value
+    return configuration
 
 
 def s3dc_from_configuration(configuration: object) -> S3dc:
@@ -37,7 +55,7 @@ def s3dc_from_configuration(configuration: object) -> S3dc:
         UnsupportedError: another version of the code.
         InvalidInputError: anything that is not a configuration of S3Dc.
     """
-    if not isinstance(configuration, dict) or set(configuration) != {"version", "block", "bits"}:
+    if not isinstance(configuration, dict) or not {"version", "block"} <= set(configuration):
         raise InvalidInputError(
             f"{S3DC_NAME}: configuration {configuration!r:.200} needs version, block and bits"
         )
@@ -46,15 +64,36 @@ def s3dc_from_configuration(configuration: object) -> S3dc:
             f"{S3DC_NAME}: version {configuration['version']!r:.40} is not {S3DC_VERSION}, the one "
             "that this octobrick reads; install a newer octobrick"
         )
-    block, bits = configuration["block"], configuration["bits"]
-    if not (
+    parameters = {k: v for k, v in configuration.items() if k not in ("version", "block")}
+    block = configuration["block"]
+    sound = (
         isinstance(block, list)
         and len(block) == 3
         and all(type(n) is int for n in block)
-        and type(bits) is int
-    ):
-        raise InvalidInputError(f"{S3DC_NAME}: block {block!r:.60} or bits {bits!r:.20} not usable")
-    return S3dc(block=cast("Zyx", tuple(block)), bits=bits)
+        and all(type(v) in _TYPES.get(k, ()) for k, v in parameters.items())
+        and sum(k in _RULES for k in parameters) == 1
+    )
+    if not sound:
+        raise InvalidInputError(
+            f"{S3DC_NAME}: configuration {configuration!r:.200} has a block of three integers, one "
+            f"of {', '.join(_RULES)}, and perhaps fitted and scale"
+        )
+    return S3dc(block=cast("Zyx", tuple(block)), **parameters)
+
+
+def require_volume_codec(codec: S3dc) -> S3dc:
+    """The codec, if volumes can hold its codes: those of a fixed rate and a linear scale.
+
+    Raises:
+        UnsupportedError: they cannot.
+    """
+    if codec.variable or codec.scale != "linear":
+        raise UnsupportedError(
+            f"volumes hold S3Dc at a fixed rate and with a linear scale, not {codec} as yet; "
+            "give bits",
+            codec=str(codec),
+        )
+    return codec
 
 
 @dataclass(frozen=True)
@@ -62,25 +101,22 @@ class S3dcZarrCodec(ArrayBytesCodec):
     """One Zarr chunk, whose axes before z, y, x have length 1, as one S3Dc brick.
 
     Args:
-        block: voxels per block along z, y, x.
-        bits: bits per index, 1 to 8.
+        codec: any S3Dc. A `prediction` has no place here: Zarr's chunks know nothing of each other.
     """
 
-    is_fixed_size = True
+    is_fixed_size = False  # only codes of a fixed rate are
 
-    block: Zyx = (8, 8, 8)
-    bits: int = 4
+    codec: S3dc = field(default_factory=S3dc)
 
     @classmethod
     def from_dict(cls, data: dict[str, JSON]) -> Self:
         """The codec that an entry of ``codecs`` in ``zarr.json`` describes."""
         _, configuration = parse_named_configuration(data, S3DC_NAME)
-        codec = s3dc_from_configuration(configuration)
-        return cls(block=codec.block, bits=codec.bits)
+        return cls(s3dc_from_configuration(configuration))
 
     def to_dict(self) -> dict[str, JSON]:
         """The entry of ``codecs`` in ``zarr.json``."""
-        return {"name": S3DC_NAME, "configuration": s3dc_configuration(self._codec)}
+        return {"name": S3DC_NAME, "configuration": s3dc_configuration(self.codec)}
 
     def validate(self, *, shape: tuple[int, ...], dtype: Any, chunk_grid: Any) -> None:  # noqa: ARG002
         """Refuse arrays that S3Dc cannot hold, before anything is read or written.
@@ -92,22 +128,22 @@ class S3dcZarrCodec(ArrayBytesCodec):
         require_array(S3DC_NAME, shape, dtype)
 
     def compute_encoded_size(self, input_byte_length: int, chunk_spec: ArraySpec) -> int:  # noqa: ARG002
-        """Bytes of one coded chunk, which S3Dc fixes beforehand."""
-        return self._codec.encoded_nbytes(*_brick_of(chunk_spec))
+        """Bytes of one coded chunk, where they are fixed beforehand.
+
+        Raises:
+            InvalidInputError: they are not.
+        """
+        return self.codec.encoded_nbytes(*_brick_of(chunk_spec))
 
     async def _decode_single(self, chunk_data: Buffer, chunk_spec: ArraySpec) -> NDBuffer:
         shape_zyx, dtype = _brick_of(chunk_spec)
-        brick = self._codec.decode(cast("Any", chunk_data.as_numpy_array()), shape_zyx, dtype)
+        brick = self.codec.decode(cast("Any", chunk_data.as_numpy_array()), shape_zyx, dtype)
         return chunk_of(brick, chunk_spec)
 
     async def _encode_single(self, chunk_data: NDBuffer, chunk_spec: ArraySpec) -> Buffer | None:
         shape_zyx, _ = _brick_of(chunk_spec)
-        code = self._codec.encode(chunk_data.as_numpy_array().reshape(shape_zyx))
+        code = self.codec.encode(chunk_data.as_numpy_array().reshape(shape_zyx))
         return chunk_spec.prototype.buffer.from_bytes(code)
-
-    @property
-    def _codec(self) -> S3dc:
-        return S3dc(block=self.block, bits=self.bits)
 
 
 def _brick_of(chunk_spec: ArraySpec) -> tuple[Zyx, np.dtype[Any]]:

@@ -23,6 +23,12 @@ namespace octobrick::codec {
 struct S3dc {
     Zyx block;      // voxels per block, at least 1 on each axis
     unsigned bits;  // per index, 1 to 8
+    // Put end points where they lower the squared error, not at least and greatest voxel. Only the
+    // encoder needs to know.
+    bool fitted = false;
+    // Behind the rows follow eight scales, of which each block names one: a form of its own. End
+    // points are then least and greatest.
+    bool scaled = false;
 };
 
 enum class Status : std::uint8_t {
@@ -36,6 +42,13 @@ enum class Status : std::uint8_t {
     bad_end_points,  // a minimum above its maximum, or not finite; `at` is the block, and
                      // `first` and `second` are its minimum and maximum
     bad_padding,     // bits behind the last index of a row are set; `at` is the row's first voxel
+    // Of variable-rate codes; see s3dc_variable.h.
+    bad_widths,
+    budget_too_small,
+    wrong_prediction,
+    bad_groups,
+    bad_raw,
+    bad_scales,  // of a scaled code: positions out of order, or a choice that is none
 };
 
 // How a call ended. Of several faults the first one is reported, whatever the thread count.
@@ -46,11 +59,12 @@ struct Outcome {
 };
 
 // Where the parts of a code lie. Bytes [0, end_points_nbytes) are the end points; rows of
-// row_nbytes follow, one per (z, y).
+// row_nbytes follow, one per (z, y), up to scales_begin; then, if there are any, scales.
 struct Layout {
     Zyx grid;  // blocks per axis
     std::size_t end_points_nbytes = 0;
     std::size_t row_nbytes = 0;
+    std::size_t scales_begin = 0;
     std::size_t nbytes = 0;
 };
 
