@@ -6,22 +6,23 @@
 // x86-64 has three: the baseline (SSE2), AVX2, and AVX-512 where it pays. aarch64 has one: NEON is
 // its baseline, and compilers vectorise the bodies for it as they are.
 //
-// AVX-512 is used where it was faster than AVX2 by a tenth, in each of three runs. Medians over
-// single calls in turn, one thread, a brick of 64^3 in cache, gcc 12 on an EPYC of fourth
+// AVX-512 is used where it was faster than AVX2 by a tenth, in each of four runs. Medians over
+// a few calls in turn, one thread, a brick of 64^3 in cache, gcc 12 on an EPYC of fourth
 // generation (Zen 4); AVX2's gain over the baseline in brackets:
 //
 //   S3Dc encode, 8 bits a sample   0.88 - 0.97 (1.1 - 1.3)
 //                16 bits           1.10 - 1.62 (1.4 - 2.1)    used
-//                f32               1.06 - 1.22 (1.5 - 1.7)    used: 1.06 for 1-bit codes, else 1.11
-//        decode, 1-bit codes       1.35 - 1.70 (1.0 - 1.3)    used
+//                f32               1.06 - 1.22 (1.5 - 1.7)    used: 1.06 for 1-bit codes, else 1.10
+//        decode, 1-bit codes       1.32 - 1.70 (1.0 - 1.4)    used
 //                8, 16 bits        0.82 - 0.99 (1.2 - 1.5)
-//                f32               1.14 - 1.37 (1.7 - 1.8)    used
+//                f32               1.14 - 1.37 (1.3 - 1.8)    used
 //   mean2                          0.97 - 1.00 (1.2 - 1.4)
 //   compare      8, 16 bits        0.92 - 1.08 (2.4 - 2.9)
 //                f32               1.18 - 1.22 (2.2 - 2.3)    used
-//   directions   encode            1.30 - 2.45 (2.3 - 2.6)    used
-//                decode            0.63 - 0.67 (4.0 - 4.1)
-//   deblock                        1.00 - 1.19 (0.9 - 1.1)
+//   directions   encode            1.13 - 2.45 (2.3 - 2.8)    used
+//                decode            0.63 - 0.68 (4.0 - 4.2)
+//
+// bench/instruction_sets.cpp measures this.
 #pragma once
 
 #include "octobrick/codec/view.h"
@@ -66,7 +67,12 @@ struct Compiled<Body, Result (*)(Arguments...)> {
 // Arguments are copied on the way: pass what is large by reference.
 template <auto Body, bool Avx512Pays = false>
 auto fastest(Execution execution) noexcept {
-    if constexpr (Avx512Pays) {
+#if defined(OCTOBRICK_AVX512_EVERYWHERE)  // to measure whether it pays
+    constexpr bool kCompiled = true;
+#else
+    constexpr bool kCompiled = Avx512Pays;
+#endif
+    if constexpr (kCompiled) {
         if (execution.simd && execution.avx512 && has_avx512()) return &Compiled<Body>::avx512;
     }
     return execution.simd && has_avx2() ? &Compiled<Body>::avx2 : &Compiled<Body>::baseline;
