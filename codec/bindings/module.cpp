@@ -107,7 +107,7 @@ nb::tuple compare_arrays(nb::handle a, nb::handle b, bool simd) {
     bool comparable;
     {
         const nb::gil_scoped_release unlocked;
-        comparable = compare(a_volume, b_volume, stats, simd);
+        comparable = compare(a_volume, b_volume, stats, {1, simd});
     }
     if (!comparable) {
         throw nb::value_error("expected equal types and shapes");

@@ -1,29 +1,19 @@
 // Hostile codes: whatever the bytes, decode() ends with a status, touches nothing that is not its
-// own, and says the same with and without SIMD. What it accepts is finite: it can be encoded again.
+// own, and says the same with every set of instructions. What it accepts is finite: it can be
+// encoded again.
 //
 // The first 8 bytes choose the parameters, the rest is the code.
 
-#include <cstdint>
-#include <cstdlib>
 #include <cstring>
-#include <memory>
-#include <span>
 
+#include "fuzz.h"
 #include "octobrick/codec/s3dc.h"
 
 namespace {
 
 using namespace octobrick::codec;
 
-// Exactly as many bytes as asked for, so that the sanitiser sees the first one too many.
-using Block = std::unique_ptr<std::byte[]>;
-Block allocate(std::size_t nbytes) { return Block(new std::byte[nbytes]()); }
-
-void require(bool condition) {
-    if (!condition) {
-        std::abort();
-    }
-}
+using Block = octobrick::fuzz::Exact<std::byte>;
 
 Volume packed_volume(std::byte* origin, SampleType type, Zyx shape) {
     const auto unit = static_cast<std::ptrdiff_t>(sample_nbytes(type));
@@ -50,26 +40,29 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const std::size_t given = size - kParameters;
     const bool wrong_size = given > layout.nbytes;
     const std::size_t code_nbytes = wrong_size ? given : layout.nbytes;
-    const Block code = allocate(code_nbytes);
-    std::memcpy(code.get(), data + kParameters, given);
+    const Block code(code_nbytes);
+    std::memcpy(code.data(), data + kParameters, given);
 
     const std::size_t voxels_nbytes = shape.z * shape.y * shape.x * sample_nbytes(type);
-    const Block simd = allocate(voxels_nbytes), scalar = allocate(voxels_nbytes);
-    const std::span<const std::byte> bytes(code.get(), code_nbytes);
-    const Volume voxels = packed_volume(simd.get(), type, shape);
-    const Outcome outcome = decode(codec, bytes, voxels);
-    require(!wrong_size || outcome.status == Status::wrong_nbytes);
-    const Outcome other = decode(codec, bytes, packed_volume(scalar.get(), type, shape),
-                                 {.threads = 2, .simd = false});
-    require(outcome.status == other.status && outcome.at == other.at);
+    const Block first(voxels_nbytes);
+    const Volume voxels = packed_volume(first.data(), type, shape);
+    const Outcome outcome = decode(codec, code.span(), voxels);
+    REQUIRE(!wrong_size || outcome.status == Status::wrong_nbytes);
+    for (const Execution execution : octobrick::fuzz::kExecutions) {
+        const Block second(voxels_nbytes);
+        const Volume same = packed_volume(second.data(), type, shape);
+        const Outcome other = decode(codec, code.span(), same, execution);
+        REQUIRE(outcome.status == other.status && outcome.at == other.at);
+        REQUIRE(outcome.status != Status::ok ||
+                std::memcmp(first.data(), second.data(), voxels_nbytes) == 0);
+    }
     if (outcome.status != Status::ok) {
         return 0;
     }
-    require(std::memcmp(simd.get(), scalar.get(), voxels_nbytes) == 0);
 
     // What was accepted is finite, so it can be encoded again.
-    const Block again = allocate(layout.nbytes);
+    const Block again(layout.nbytes);
     const ConstVolume decoded{voxels.origin, type, shape, voxels.strides};
-    require(encode(codec, decoded, {again.get(), layout.nbytes}).status == Status::ok);
+    REQUIRE(encode(codec, decoded, again.span()).status == Status::ok);
     return 0;
 }

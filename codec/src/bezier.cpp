@@ -70,23 +70,11 @@ OCTOBRICK_INLINE void sum_rows(const double* __restrict basis, std::size_t rows,
     }
 }
 
-void sum_rows_baseline(const double* basis, std::size_t rows, std::size_t count,
-                       const double* products, const double* weights, const double* origin,
-                       double* results) {
-    sum_rows(basis, rows, count, products, weights, origin, results);
-}
-
-OCTOBRICK_AVX2_TARGET void sum_rows_avx2(const double* basis, std::size_t rows, std::size_t count,
-                                         const double* products, const double* weights,
-                                         const double* origin, double* results) {
-    sum_rows(basis, rows, count, products, weights, origin, results);
-}
-
 }  // namespace
 
 void Bezier::evaluate(const BezierSamples& samples, BezierPanel& panel, bool simd) const {
     load(samples, count_, panel);
-    const auto sum = simd && has_avx2() ? sum_rows_avx2 : sum_rows_baseline;
+    const auto sum = fastest<sum_rows>({.simd = simd});
     sum(basis_.data(), last_ - first_, count_, panel.products.data(), panel.weights.data(),
         panel.origin, panel.results.data());
 }

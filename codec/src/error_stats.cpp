@@ -95,23 +95,20 @@ class Sums<float> {
 };
 
 template <class T>
-void add_row_baseline(Sums<T>& sums, const T* a, const T* b, std::size_t nx) {
+OCTOBRICK_INLINE void add_row(Sums<T>& sums, const T* a, const T* b, std::size_t nx) {
     sums.add_row(a, b, nx);
 }
 
 template <class T>
-OCTOBRICK_AVX2_TARGET void add_row_avx2(Sums<T>& sums, const T* a, const T* b, std::size_t nx) {
-    sums.add_row(a, b, nx);
-}
-
-template <class T>
-void run_compare(const ConstVolume& a, const ConstVolume& b, ErrorStats& stats, bool simd) {
-    const auto add_row = simd && has_avx2() ? add_row_avx2<T> : add_row_baseline<T>;
+void run_compare(const ConstVolume& a, const ConstVolume& b, ErrorStats& stats,
+                 Execution execution) {
+    // See simd.h for what was measured.
+    const auto add = fastest<add_row<T>, std::is_floating_point_v<T>>(execution);
     const RowReader<T> a_rows(a), b_rows(b);
     Sums<T> sums;
     for (std::size_t z = 0; z < a.shape.z; ++z) {
         for (std::size_t y = 0; y < a.shape.y; ++y) {
-            add_row(sums, a_rows.row(z, y), b_rows.row(z, y), a.shape.x);
+            add(sums, a_rows.row(z, y), b_rows.row(z, y), a.shape.x);
         }
     }
     sums.finish(stats);
@@ -120,15 +117,15 @@ void run_compare(const ConstVolume& a, const ConstVolume& b, ErrorStats& stats, 
 }  // namespace
 }  // namespace detail
 
-bool compare(const ConstVolume& a, const ConstVolume& b, ErrorStats& stats, bool simd) {
+bool compare(const ConstVolume& a, const ConstVolume& b, ErrorStats& stats, Execution execution) {
     if (a.type != b.type || a.shape != b.shape) {
         return false;
     }
     stats = {};
     stats.count = std::uint64_t{a.shape.z} * a.shape.y * a.shape.x;
     if (stats.count > 0) {
-        detail::with_sample_type(a.type,
-                                 [&]<class T>(T) { detail::run_compare<T>(a, b, stats, simd); });
+        detail::with_sample_type(
+            a.type, [&]<class T>(T) { detail::run_compare<T>(a, b, stats, execution); });
     }
     return true;
 }

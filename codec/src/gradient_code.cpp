@@ -234,15 +234,6 @@ OCTOBRICK_INLINE bool encode_batch(const T* vectors, std::size_t count, std::uin
     return true;
 }
 
-template <class T>
-bool encode_baseline(const T* vectors, std::size_t count, std::uint8_t* codes) {
-    return encode_batch(vectors, count, codes);
-}
-template <class T>
-OCTOBRICK_AVX2_TARGET bool encode_avx2(const T* vectors, std::size_t count, std::uint8_t* codes) {
-    return encode_batch(vectors, count, codes);
-}
-
 // The first vector that is not finite; there is one.
 template <class T>
 std::size_t first_not_finite(const T* vectors) {
@@ -255,7 +246,7 @@ template <class T>
 std::size_t run_encode(std::span<const T> vectors, std::uint8_t* codes, Execution execution) {
     const std::size_t count = vectors.size() / 3, items = (count + kItem - 1) / kItem;
     const unsigned threads = choose_threads(execution.threads, vectors.size_bytes(), items);
-    const auto encode = execution.simd && has_avx2() ? encode_avx2<T> : encode_baseline<T>;
+    const auto encode = fastest<encode_batch<T>, true>(execution);
     std::atomic<std::size_t> fault{kAllFinite};
     parallel_for(items, threads, [&](std::size_t item, unsigned) {
         const std::size_t end = std::min(count, (item + 1) * kItem);
@@ -295,14 +286,6 @@ OCTOBRICK_INLINE void decode_run(const std::uint8_t* __restrict codes, float* __
     }
 }
 
-void decode_baseline(const std::uint8_t* codes, float* vectors, std::size_t count) {
-    decode_run(codes, vectors, count);
-}
-OCTOBRICK_AVX2_TARGET void decode_avx2(const std::uint8_t* codes, float* vectors,
-                                       std::size_t count) {
-    decode_run(codes, vectors, count);
-}
-
 }  // namespace
 }  // namespace detail
 
@@ -321,8 +304,7 @@ void decode_directions(std::span<const std::uint8_t> codes, std::span<float> vec
     using detail::kItem;
     const std::size_t count = codes.size() / 3, items = (count + kItem - 1) / kItem;
     const unsigned threads = detail::choose_threads(execution.threads, vectors.size_bytes(), items);
-    const auto decode =
-        execution.simd && detail::has_avx2() ? detail::decode_avx2 : detail::decode_baseline;
+    const auto decode = detail::fastest<detail::decode_run>(execution);
     detail::parallel_for(items, threads, [&](std::size_t item, unsigned) {
         const std::size_t at = item * kItem;
         decode(codes.data() + 3 * at, vectors.data() + 3 * at, std::min(kItem, count - at));

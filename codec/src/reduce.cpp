@@ -73,22 +73,10 @@ OCTOBRICK_INLINE void reduce_row(const T* __restrict r00, const T* __restrict r0
 }
 
 template <class T>
-void reduce_row_baseline(const T* r00, const T* r01, const T* r10, const T* r11, std::size_t nx,
-                         Sum<T>* columns, T* to) {
-    reduce_row<T>(r00, r01, r10, r11, nx, columns, to);
-}
-
-template <class T>
-OCTOBRICK_AVX2_TARGET void reduce_row_avx2(const T* r00, const T* r01, const T* r10, const T* r11,
-                                           std::size_t nx, Sum<T>* columns, T* to) {
-    reduce_row<T>(r00, r01, r10, r11, nx, columns, to);
-}
-
-template <class T>
 void run_mean2(const ConstVolume& fine, const Volume& coarse, Execution execution) {
     const std::size_t nbytes = fine.shape.z * fine.shape.y * fine.shape.x * sizeof(T);
     const unsigned threads = choose_threads(execution.threads, nbytes, coarse.shape.z);
-    const auto reduce = execution.simd && has_avx2() ? reduce_row_avx2<T> : reduce_row_baseline<T>;
+    const auto reduce = fastest<reduce_row<T>>(execution);
 
     std::vector<ReduceScratch<T>> scratch;
     scratch.reserve(threads);

@@ -128,16 +128,9 @@ OCTOBRICK_INLINE void decode_slab(const DecodeJob& job, DecodeScratch<T, B>& scr
     }
 }
 
+// See simd.h for what was measured.
 template <class T, unsigned B>
-void decode_slab_baseline(const DecodeJob& job, DecodeScratch<T, B>& scratch, std::size_t slab) {
-    decode_slab<T, B>(job, scratch, slab);
-}
-
-template <class T, unsigned B>
-OCTOBRICK_AVX2_TARGET void decode_slab_avx2(const DecodeJob& job, DecodeScratch<T, B>& scratch,
-                                            std::size_t slab) {
-    decode_slab<T, B>(job, scratch, slab);
-}
+inline constexpr bool kAvx512Pays = std::is_floating_point_v<T> || B == 1;
 
 template <class T, unsigned B>
 void run_decode(const DecodeJob& job, Execution execution) {
@@ -145,17 +138,15 @@ void run_decode(const DecodeJob& job, Execution execution) {
     const std::size_t nbytes =
         job.voxels.shape.z * job.voxels.shape.y * job.voxels.shape.x * sizeof(T);
     const unsigned threads = choose_threads(execution.threads, nbytes, slabs);
-    const auto decode_slab =
-        execution.simd && has_avx2() ? decode_slab_avx2<T, B> : decode_slab_baseline<T, B>;
+    const auto run = fastest<decode_slab<T, B>, kAvx512Pays<T, B>>(execution);
 
     std::vector<DecodeScratch<T, B>> scratch;
     scratch.reserve(threads);
     for (unsigned i = 0; i < threads; ++i) {
         scratch.emplace_back(job.voxels);
     }
-    parallel_for(slabs, threads, [&](std::size_t slab, unsigned worker) {
-        decode_slab(job, scratch[worker], slab);
-    });
+    parallel_for(slabs, threads,
+                 [&](std::size_t slab, unsigned worker) { run(job, scratch[worker], slab); });
 }
 
 template <class T>

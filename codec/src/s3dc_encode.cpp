@@ -162,25 +162,15 @@ OCTOBRICK_INLINE void encode_slab(const EncodeJob& job, EncodeScratch<T>& scratc
     }
 }
 
-template <class T, unsigned B>
-void encode_slab_baseline(const EncodeJob& job, EncodeScratch<T>& scratch, std::size_t slab) {
-    encode_slab<T, B>(job, scratch, slab);
-}
-
-template <class T, unsigned B>
-OCTOBRICK_AVX2_TARGET void encode_slab_avx2(const EncodeJob& job, EncodeScratch<T>& scratch,
-                                            std::size_t slab) {
-    encode_slab<T, B>(job, scratch, slab);
-}
-
 template <class T>
 using EncodeSlab = void (*)(const EncodeJob&, EncodeScratch<T>&, std::size_t);
 
 template <class T, unsigned... B>
-EncodeSlab<T> choose_encoder(unsigned bits, bool avx2, std::integer_sequence<unsigned, B...>) {
-    constexpr EncodeSlab<T> kBaseline[] = {encode_slab_baseline<T, B + 1>...};
-    constexpr EncodeSlab<T> kAvx2[] = {encode_slab_avx2<T, B + 1>...};
-    return (avx2 ? kAvx2 : kBaseline)[bits - 1];
+EncodeSlab<T> choose_encoder(unsigned bits, Execution execution,
+                             std::integer_sequence<unsigned, B...>) {
+    constexpr bool kAvx512Pays = sizeof(T) > 1;  // see simd.h for what was measured
+    const EncodeSlab<T> encoders[] = {fastest<encode_slab<T, B + 1>, kAvx512Pays>(execution)...};
+    return encoders[bits - 1];
 }
 
 // No larger than the volume.
@@ -196,8 +186,8 @@ void run_encode(const EncodeJob& job, Execution execution) {
     const std::size_t nbytes =
         job.voxels.shape.z * job.voxels.shape.y * job.voxels.shape.x * sizeof(T);
     const unsigned threads = choose_threads(execution.threads, nbytes, slabs);
-    const EncodeSlab<T> encode_slab = choose_encoder<T>(job.bits, execution.simd && has_avx2(),
-                                                        std::make_integer_sequence<unsigned, 8>{});
+    const EncodeSlab<T> encode_slab =
+        choose_encoder<T>(job.bits, execution, std::make_integer_sequence<unsigned, 8>{});
 
     std::vector<EncodeScratch<T>> scratch;
     scratch.reserve(threads);

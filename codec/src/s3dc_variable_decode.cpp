@@ -230,30 +230,17 @@ OCTOBRICK_INLINE void decode_slab(const DecodeJob& job, DecodeScratch<T>& scratc
 }
 
 template <class T>
-void decode_slab_baseline(const DecodeJob& job, DecodeScratch<T>& scratch, std::size_t slab) {
-    decode_slab<T>(job, scratch, slab);
-}
-
-template <class T>
-OCTOBRICK_AVX2_TARGET void decode_slab_avx2(const DecodeJob& job, DecodeScratch<T>& scratch,
-                                            std::size_t slab) {
-    decode_slab<T>(job, scratch, slab);
-}
-
-template <class T>
 void run_decode(const DecodeJob& job, Execution execution) {
     const Zyx shape = job.voxels.shape;
     const std::size_t slabs = job.layout.grid.z * job.layout.grid.y;
     const unsigned threads =
         choose_threads(execution.threads, shape.z * shape.y * shape.x * sizeof(T), slabs);
-    const auto decode_slab =
-        execution.simd && has_avx2() ? decode_slab_avx2<T> : decode_slab_baseline<T>;
+    const auto run = fastest<decode_slab<T>>(execution);
     std::vector<DecodeScratch<T>> scratch;
     scratch.reserve(threads);
     for (unsigned i = 0; i < threads; ++i) scratch.emplace_back(job);
-    parallel_for(slabs, threads, [&](std::size_t slab, unsigned worker) {
-        decode_slab(job, scratch[worker], slab);
-    });
+    parallel_for(slabs, threads,
+                 [&](std::size_t slab, unsigned worker) { run(job, scratch[worker], slab); });
 }
 
 }  // namespace

@@ -49,25 +49,6 @@ OCTOBRICK_INLINE void write_slab(const EncodeJob& job, EncodeScratch<T>& scratch
     });
 }
 
-template <class T>
-void examine_slab_baseline(const EncodeJob& job, EncodeScratch<T>& scratch, std::size_t slab) {
-    examine_slab<T>(job, scratch, slab);
-}
-template <class T>
-OCTOBRICK_AVX2_TARGET void examine_slab_avx2(const EncodeJob& job, EncodeScratch<T>& scratch,
-                                             std::size_t slab) {
-    examine_slab<T>(job, scratch, slab);
-}
-template <class T>
-void write_slab_baseline(const EncodeJob& job, EncodeScratch<T>& scratch, std::size_t slab) {
-    write_slab<T>(job, scratch, slab);
-}
-template <class T>
-OCTOBRICK_AVX2_TARGET void write_slab_avx2(const EncodeJob& job, EncodeScratch<T>& scratch,
-                                           std::size_t slab) {
-    write_slab<T>(job, scratch, slab);
-}
-
 template <class T, class Slab>
 void for_each_slab(const EncodeJob& job, Execution execution, const Slab& slab_of) {
     const Zyx shape = job.voxels.shape;
@@ -92,8 +73,7 @@ void examine(const EncodeJob& job, Execution execution) {
     const bool by_curve = kind == Kind::budget || kind == Kind::slope;
     if (by_curve) job.choices.curves.resize(job.layout.blocks);
     with_sample_type(job.voxels.type, [&]<class T>(T) {
-        const bool avx2 = execution.simd && has_avx2();
-        for_each_slab<T>(job, execution, avx2 ? examine_slab_avx2<T> : examine_slab_baseline<T>);
+        for_each_slab<T>(job, execution, fastest<examine_slab<T>>(execution));
     });
 }
 
@@ -194,8 +174,7 @@ Outcome encode_variable(const VariableS3dc& codec, const ConstVolume& voxels,
     write_tables(job, code);
     job.code = reinterpret_cast<std::uint8_t*>(code.data());
     with_sample_type(voxels.type, [&]<class T>(T) {
-        const bool avx2 = execution.simd && has_avx2();
-        for_each_slab<T>(job, execution, avx2 ? write_slab_avx2<T> : write_slab_baseline<T>);
+        for_each_slab<T>(job, execution, fastest<write_slab<T>>(execution));
     });
     return {};
 }

@@ -70,25 +70,11 @@ OCTOBRICK_INLINE void upsample_row(const T* __restrict r00, const T* __restrict 
 }
 
 template <class T>
-void upsample_row_baseline(const T* r00, const T* r01, const T* r10, const T* r11,
-                           std::size_t coarse_nx, std::size_t fine_nx, Sum<T>* columns, T* to) {
-    upsample_row<T>(r00, r01, r10, r11, coarse_nx, fine_nx, columns, to);
-}
-
-template <class T>
-OCTOBRICK_AVX2_TARGET void upsample_row_avx2(const T* r00, const T* r01, const T* r10, const T* r11,
-                                             std::size_t coarse_nx, std::size_t fine_nx,
-                                             Sum<T>* columns, T* to) {
-    upsample_row<T>(r00, r01, r10, r11, coarse_nx, fine_nx, columns, to);
-}
-
-template <class T>
 void run_upsample2(const ConstVolume& coarse, const Volume& fine, Execution execution) {
     const Zyx from = coarse.shape, shape = fine.shape;
     const unsigned threads =
         choose_threads(execution.threads, shape.z * shape.y * shape.x * sizeof(T), shape.z);
-    const auto upsample =
-        execution.simd && has_avx2() ? upsample_row_avx2<T> : upsample_row_baseline<T>;
+    const auto upsample = fastest<upsample_row<T>>(execution);
     std::vector<UpsampleScratch<T>> scratch;
     scratch.reserve(threads);
     for (unsigned i = 0; i < threads; ++i) scratch.emplace_back(coarse, fine);

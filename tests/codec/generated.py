@@ -1,4 +1,4 @@
-"""What tests of S3Dc draw: volumes of any shape, strides and character, and predictions for them."""
+"""What tests of S3Dc draw: volumes of any shape, strides and character, and predictions."""
 
 from __future__ import annotations
 

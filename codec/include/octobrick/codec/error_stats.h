@@ -15,7 +15,9 @@ struct ErrorStats {
     double max_abs_f = 0, squares_f = 0;
 };
 
-// Compares two volumes voxel by voxel. Returns false unless types and shapes are equal.
-bool compare(const ConstVolume& a, const ConstVolume& b, ErrorStats& stats, bool simd = true);
+// Compares two volumes voxel by voxel, in the calling thread alone. Returns false unless types and
+// shapes are equal.
+bool compare(const ConstVolume& a, const ConstVolume& b, ErrorStats& stats,
+             Execution execution = {});
 
 }  // namespace octobrick::codec

@@ -56,6 +56,9 @@ struct Execution {
     unsigned threads = 0;
     // Whether to use the instructions that this processor has beyond the baseline.
     bool simd = true;
+    // Whether AVX-512 may be among them. Some of the first processors that had it run everything
+    // else slower meanwhile.
+    bool avx512 = true;
 };
 
 }  // namespace octobrick::codec
