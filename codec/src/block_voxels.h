@@ -113,6 +113,7 @@ struct Range {
     // A level among the normalised values, as an end point.
     Value end_point(float level) const {
         if constexpr (std::is_floating_point_v<T>) {
+            if (level >= reach()) return max + 0.0f;  // which the sum below may miss
             const double value = static_cast<double>(min) + static_cast<double>(level) * unit();
             return std::clamp(static_cast<float>(value), min, max) + 0.0f;  // −0 becomes +0
         } else {

@@ -227,6 +227,13 @@ def test_enough_bits_are_lossless(noise: Any) -> None:
             np.testing.assert_array_equal(round_trip(codec, array), array)
 
 
+def test_the_last_level_is_the_greatest_voxel_where_the_range_of_a_block_is_rounded() -> None:
+    """A raw block of −1.7e38 and 2e-6 once had 0 as its last level, so no decoder took it."""
+    array = np.array([-1.7280485e38, 2.1e-6, -1, 0], np.float32).reshape(1, 1, 4)
+    for codec in (S3dc(max_error=0), S3dc(bits=2, scale="trained")):
+        assert round_trip(codec, array).max() == array.max()
+
+
 def test_the_bound_of_a_variable_code_is_what_decoders_find(noise: Any) -> None:
     array = noise((12, 13, 14), "int16")
     for codec in (S3dc(max_error=50), S3dc(bits_per_voxel=3), S3dc(bits=2, fitted=True),
