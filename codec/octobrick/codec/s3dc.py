@@ -114,21 +114,10 @@ class S3dc:
             UnsupportedError: another sample type.
         """
         shape_zyx, sample_dtype = require_extents(shape, "shape"), require_dtype(dtype)
-        nbytes = self.encoded_nbytes(shape_zyx, sample_dtype)
-        view = memoryview(data)
-        if not view.c_contiguous:
-            raise InvalidInputError("a code must be contiguous in memory; pass bytes(data)")
-        if view.nbytes != nbytes:
-            raise CorruptBrickError(
-                f"the code of {shape_zyx} {sample_dtype} voxels with {self} has {nbytes} bytes, "
-                f"but {view.nbytes} were given; fetch them again, or check shape and parameters",
-                expected_nbytes=nbytes,
-                given_nbytes=view.nbytes,
-            )
+        view = require_code(self, data, shape_zyx, sample_dtype)
         out: Voxels = np.empty(shape_zyx, sample_dtype)
         outcome = _native.decode_into(view, out, self.block, self.bits, require_threads(threads))
-        if outcome.status is not _native.Status.OK:
-            raise _corrupt(outcome)
+        require_sound(outcome)
         return out
 
     def encoded_nbytes(self, shape: Iterable[int], dtype: DTypeLike) -> int:
@@ -198,6 +187,37 @@ def _too_large(shape: tuple[Any, ...]) -> InvalidInputError:
         f"a volume of {shape} voxels has more bytes than this machine can count",
         shape=[str(n) for n in shape],
     )
+
+
+def require_code(codec: S3dc, data: Buffer, shape_zyx: Zyx, dtype: np.dtype[Any]) -> memoryview:
+    """The bytes of a code, which are as many as this shape and type have.
+
+    Raises:
+        CorruptBrickError: another number of bytes.
+        InvalidInputError: they are not contiguous, or the shape is one that no array has.
+    """
+    nbytes = codec.encoded_nbytes(shape_zyx, dtype)
+    view = memoryview(data)
+    if not view.c_contiguous:
+        raise InvalidInputError("a code must be contiguous in memory; pass bytes(data)")
+    if view.nbytes != nbytes:
+        raise CorruptBrickError(
+            f"the code of {shape_zyx} {dtype} voxels with {codec} has {nbytes} bytes, "
+            f"but {view.nbytes} were given; fetch them again, or check shape and parameters",
+            expected_nbytes=nbytes,
+            given_nbytes=view.nbytes,
+        )
+    return view
+
+
+def require_sound(outcome: _native.Outcome) -> None:
+    """Nothing, where the native code found a code of the right size to be sound.
+
+    Raises:
+        CorruptBrickError: end points or padding are not what `encode` writes.
+    """
+    if outcome.status is not _native.Status.OK:
+        raise _corrupt(outcome)
 
 
 def _corrupt(outcome: _native.Outcome) -> CorruptBrickError:
