@@ -5,4 +5,5 @@
 
 void bind_deblock(nanobind::module_& m);
 void bind_gradients(nanobind::module_& m);
+void bind_s3dc_sampler(nanobind::module_& m);
 void bind_zerobit(nanobind::module_& m);

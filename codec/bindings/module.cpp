@@ -157,5 +157,6 @@ NB_MODULE(_native, m) {
 
     bind_deblock(m);
     bind_gradients(m);
+    bind_s3dc_sampler(m);
     bind_zerobit(m);
 }

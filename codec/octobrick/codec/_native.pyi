@@ -107,6 +107,36 @@ def decode_directions_into(
 ) -> None:
     """The unit vectors of codes."""
 
+class Sampling(enum.Enum):
+    """How a point is sampled; see s3dc_sampler.h."""
+
+    NEAREST = 0
+
+    TRILINEAR = 1
+
+    TRILINEAR_SHARED = 2
+
+class S3dcSampler:
+    """Samples a code; see octobrick/codec/s3dc_sampler.h."""
+
+    def __init__(
+        self,
+        code: object,
+        shape: tuple[int, int, int],
+        sample_type: int,
+        block: tuple[int, int, int],
+        bits: int,
+        simd: bool = True,
+    ) -> None: ...
+    @property
+    def outcome(self) -> Outcome: ...
+    def sample(self, how: Sampling, points: object, out: object) -> None: ...
+    def gradient(
+        self, how: Sampling, points: object, spacing_zyx: tuple[float, float, float], out: object
+    ) -> None: ...
+    def count_fetches(self, how: Sampling, points: object) -> tuple[int, int]:
+        """Pairs of end points, and words of indices."""
+
 class ZerobitStatus(enum.Enum):
     """How a call ended; see octobrick/codec/zerobit.h."""
 
