@@ -6,4 +6,5 @@
 void bind_deblock(nanobind::module_& m);
 void bind_gradients(nanobind::module_& m);
 void bind_s3dc_variable(nanobind::module_& m);
+void bind_s3dc_sampler(nanobind::module_& m);
 void bind_zerobit(nanobind::module_& m);

@@ -172,5 +172,6 @@ NB_MODULE(_native, m) {
     bind_deblock(m);
     bind_gradients(m);
     bind_s3dc_variable(m);
+    bind_s3dc_sampler(m);
     bind_zerobit(m);
 }

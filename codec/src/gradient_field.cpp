@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cfloat>
 #include <cmath>
 #include <type_traits>
 #include <vector>
@@ -12,6 +11,7 @@
 #include "octobrick/codec/reduce.h"
 #include "parallel.h"
 #include "rows.h"
+#include "store_vector.h"
 
 namespace octobrick::codec {
 namespace detail {
@@ -32,17 +32,6 @@ struct Stencil {
 template <class T>
 double difference(T above, T below, double scale) {
     return (static_cast<double>(above) - static_cast<double>(below)) * scale;
-}
-
-void store_vector(double x, double y, double z, float* out) {
-    const double greatest = std::max({std::fabs(x), std::fabs(y), std::fabs(z)});
-    if (greatest > FLT_MAX) {  // as a whole, or the direction would turn
-        const double scale = FLT_MAX / greatest;
-        x *= scale, y *= scale, z *= scale;
-    }
-    out[0] = static_cast<float>(x);
-    out[1] = static_cast<float>(y);
-    out[2] = static_cast<float>(z);
 }
 
 template <class T>

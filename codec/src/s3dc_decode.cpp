@@ -1,6 +1,4 @@
 #include <algorithm>
-#include <cmath>
-#include <limits>
 #include <vector>
 
 #include "faults.h"
@@ -9,6 +7,7 @@
 #include "parallel.h"
 #include "quantise.h"
 #include "rows.h"
+#include "s3dc_check.h"
 #include "s3dc_scaled.h"
 
 namespace octobrick::codec {
@@ -32,33 +31,6 @@ struct DecodeScratch {
     DequantiserFor<T, B> dequantiser;
 };
 
-// As a number, whatever the sign of the sample type.
-template <class T>
-double as_number(T value, SampleType type) {
-    if (type == SampleType::i8 || type == SampleType::i16) {
-        return static_cast<double>(static_cast<std::make_signed_t<T>>(value));
-    }
-    return static_cast<double>(value);
-}
-template <>
-double as_number(float value, SampleType) {
-    return static_cast<double>(value);
-}
-
-// Whether `encode` can have written these end points.
-template <class T>
-OCTOBRICK_INLINE bool plausible(T min, T max, SampleType type) {
-    if constexpr (std::is_floating_point_v<T>) {
-        return min <= max && min >= std::numeric_limits<T>::lowest() &&
-               max <= std::numeric_limits<T>::max();  // false for NaN
-    } else {
-        // Flipping the sign bit orders signed samples as unsigned ones.
-        const bool is_signed = type == SampleType::i8 || type == SampleType::i16;
-        const T flip = is_signed ? static_cast<T>(T{1} << (8 * sizeof(T) - 1)) : T{0};
-        return static_cast<T>(min ^ flip) <= static_cast<T>(max ^ flip);
-    }
-}
-
 // Step 2, undone: reads and checks the end points, and sets the dequantiser of every column.
 template <class T, unsigned B>
 OCTOBRICK_INLINE Outcome read_end_points(const DecodeJob& job, DecodeScratch<T, B>& scratch,
@@ -68,8 +40,7 @@ OCTOBRICK_INLINE Outcome read_end_points(const DecodeJob& job, DecodeScratch<T, 
         T ends[2];
         std::memcpy(ends, from, sizeof ends);
         if (!plausible(ends[0], ends[1], job.voxels.type)) {
-            return {Status::bad_end_points, block, as_number(ends[0], job.voxels.type),
-                    as_number(ends[1], job.voxels.type)};
+            return bad_end_points(block, ends[0], ends[1], job.voxels.type);
         }
         scratch.dequantiser.set(x, x + std::min(job.block.x, nx - x), ends[0], ends[1]);
     }

@@ -6,6 +6,7 @@
 #include "octobrick/codec/gradients.h"
 #include "octobrick/codec/reduce.h"
 #include "octobrick/codec/s3dc.h"
+#include "octobrick/codec/s3dc_sampler.h"
 #include "octobrick/codec/s3dc_variable.h"
 #include "octobrick/codec/upsample.h"
 #include "octobrick/codec/view.h"

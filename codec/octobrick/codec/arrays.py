@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,9 @@ SAMPLE_DTYPES = tuple(np.dtype(t) for t in ("uint8", "int8", "uint16", "int16", 
 
 _MAX_EXTENT = 2**62
 """Above any array that can exist, and small enough to reach the native code as an integer."""
+
+# Beyond, a quotient of two sample values could leave the range of float64.
+_LEAST_SPACING, _GREATEST_SPACING = 1e-150, 1e150
 
 
 def require_dtype(dtype: DTypeLike) -> np.dtype[Any]:
@@ -53,6 +56,22 @@ def require_extents(values: Iterable[int], what: str) -> Zyx:
             given=[str(v) for v in extents],
         )
     return extents
+
+
+def require_spacing(spacing_zyx: Sequence[float]) -> tuple[float, float, float]:
+    """The distance of voxels along each axis (z, y, x).
+
+    Raises:
+        InvalidInputError: there are not three, or one is not within 1e-150 and 1e150.
+    """
+    spacing = tuple(float(s) for s in spacing_zyx)
+    if len(spacing) != 3 or not all(_LEAST_SPACING <= s <= _GREATEST_SPACING for s in spacing):
+        raise InvalidInputError(
+            f"spacing_zyx is {spacing}; give three positive distances (z, y, x), each within "
+            f"{_LEAST_SPACING:g} and {_GREATEST_SPACING:g}",
+            spacing_zyx=[str(s) for s in spacing],
+        )
+    return spacing
 
 
 def require_volume(array: Voxels, what: str = "the array") -> Voxels:

@@ -20,14 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import _native
-from octobrick.codec.arrays import Voxels, contiguous, not_finite, require_threads, require_volume
+from octobrick.codec.arrays import (
+    Voxels,
+    contiguous,
+    not_finite,
+    require_spacing,
+    require_threads,
+    require_volume,
+)
 from octobrick.codec.errors import InvalidInputError, NotFiniteError, UnsupportedError
 
 Vectors = NDArray[np.float32]
 DirectionCodes = NDArray[np.uint8]
-
-# Beyond, a quotient of two sample values could leave the range of float64.
-_LEAST_SPACING, _GREATEST_SPACING = 1e-150, 1e150
 
 
 def central_differences(
@@ -53,13 +57,7 @@ def central_differences(
         UnsupportedError: another sample type.
     """
     volume = contiguous(require_volume(volume))
-    spacing = tuple(float(s) for s in spacing_zyx)
-    if len(spacing) != 3 or not all(_LEAST_SPACING <= s <= _GREATEST_SPACING for s in spacing):
-        raise InvalidInputError(
-            f"spacing_zyx is {spacing}; give three positive distances (z, y, x), each within "
-            f"{_LEAST_SPACING:g} and {_GREATEST_SPACING:g}",
-            spacing_zyx=[str(s) for s in spacing],
-        )
+    spacing = require_spacing(spacing_zyx)
     gradient = np.empty((*volume.shape, 3), np.float32)
     fault = _native.central_differences_into(volume, spacing, gradient, require_threads(threads))
     if fault is not None:

@@ -26,8 +26,8 @@ from octobrick.codec.arrays import (
     require_volume,
 )
 from octobrick.codec.errors import InvalidInputError
-from octobrick.codec.s3dc_faults import cannot_encode, corrupt
-from octobrick.codec.s3dc_layout import fixed_layout, grid_of, require_nbytes, variable_layout
+from octobrick.codec.s3dc_faults import cannot_encode, require_sound
+from octobrick.codec.s3dc_layout import fixed_layout, grid_of, require_code, variable_layout
 from octobrick.codec.s3dc_rule import native_rule, require_fitted, require_rule, require_scale
 
 if TYPE_CHECKING:
@@ -228,14 +228,11 @@ class S3dc:
             UnsupportedError: another sample type.
         """
         shape_zyx, sample_dtype = require_extents(shape, "shape"), require_dtype(dtype)
-        view = memoryview(data)
-        if not view.c_contiguous:
-            raise InvalidInputError("a code must be contiguous in memory; pass bytes(data)")
-        variable = self.variable or prediction is not None
-        require_nbytes(self, view, shape_zyx, sample_dtype, prediction is not None)
+        predicted = prediction is not None
+        view = require_code(self, data, shape_zyx, sample_dtype, predicted=predicted)
         out: Voxels = np.empty(shape_zyx, sample_dtype)
         workers = require_threads(threads)
-        if variable:
+        if self.variable or predicted:
             prediction = _require_prediction(prediction, out)
             outcome = _native.variable_decode_into(view, out, self.block, prediction, workers)
         else:
@@ -245,8 +242,7 @@ class S3dc:
             )
         if outcome.status is _native.Status.NOT_FINITE:
             raise cannot_encode(outcome, shape_zyx)
-        if outcome.status is not _native.Status.OK:
-            raise corrupt(outcome)
+        require_sound(outcome)
         return out
 
     def encoded_nbytes(self, shape: Iterable[int], dtype: DTypeLike) -> int:
@@ -348,8 +344,7 @@ class S3dc:
         grid = grid_of(self.block, shape_zyx)
         if not (self.variable or predicted):
             return np.full(grid, self.bits, np.uint8)
-        view = memoryview(data).cast("B")
-        require_nbytes(self, view, shape_zyx, sample, predicted)
+        view = require_code(self, data, shape_zyx, sample, predicted=predicted)
         layout = variable_layout(self, shape_zyx, sample, predicted)
         words = (layout.flags_begin - layout.groups_begin) // 4
         groups = np.frombuffer(view, "<u4", words, layout.groups_begin).reshape(-1, 2)

@@ -43,8 +43,17 @@ def cannot_encode(outcome: _native.Outcome, shape: tuple[int, ...]) -> Octobrick
     return too_large(shape)
 
 
-def corrupt(outcome: _native.Outcome) -> CorruptBrickError:
-    """The error for bytes that no encoder writes, to be raised."""
+def require_sound(outcome: _native.Outcome) -> None:
+    """Nothing, where the native code found a code to be what an encoder writes.
+
+    Raises:
+        CorruptBrickError: it is not.
+    """
+    if outcome.status is not _Status.OK:
+        raise _corrupt(outcome)
+
+
+def _corrupt(outcome: _native.Outcome) -> CorruptBrickError:
     place = f"block (bz, by, bx) = {outcome.at}"
     again = "not what encode writes; fetch the bytes again"
     if outcome.status is _Status.BAD_END_POINTS:
@@ -62,7 +71,12 @@ def corrupt(outcome: _native.Outcome) -> CorruptBrickError:
             row_zy=[z, y],
         )
     if outcome.status is _Status.WRONG_NBYTES:
-        return wrong_nbytes(f"the code by its tables has {outcome.first:.0f}", outcome)
+        return CorruptBrickError(
+            f"the code by its tables has {outcome.first:.0f} bytes, but {outcome.second:.0f} were "
+            "given; fetch them again, or check shape and parameters",
+            expected_nbytes=int(outcome.first),
+            given_nbytes=int(outcome.second),
+        )
     what = {
         _Status.BAD_GROUPS: f"the group of blocks from {place} has a place or widths",
         _Status.BAD_RAW: f"the uncoded {place} has voxels outside of its end points",
@@ -70,12 +84,3 @@ def corrupt(outcome: _native.Outcome) -> CorruptBrickError:
     }[outcome.status]
     return CorruptBrickError(f"{what}: {again}", block_zyx=list(outcome.at))
 
-
-def wrong_nbytes(expected: str, outcome: _native.Outcome) -> CorruptBrickError:
-    """The error for a code of another size, to be raised."""
-    return CorruptBrickError(
-        f"{expected} bytes, but {outcome.second:.0f} were given; fetch them again, or check shape "
-        "and parameters",
-        expected_nbytes=int(outcome.first),
-        given_nbytes=int(outcome.second),
-    )

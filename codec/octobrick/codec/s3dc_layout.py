@@ -8,10 +8,12 @@ import numpy as np
 
 from octobrick.codec import _native
 from octobrick.codec.arrays import Zyx
-from octobrick.codec.errors import CorruptBrickError
+from octobrick.codec.errors import CorruptBrickError, InvalidInputError
 from octobrick.codec.s3dc_faults import too_large
 
 if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
     from octobrick.codec.s3dc import S3dc
 
 
@@ -65,26 +67,31 @@ def grid_of(block: Zyx, shape: tuple[int, ...]) -> Zyx:
     return z, y, x
 
 
-def require_nbytes(
-    codec: S3dc, view: memoryview, shape: Zyx, sample: np.dtype[Any], predicted: bool
-) -> None:
-    """Check a code's size before anything is allocated; at a variable rate, that of its tables.
+def require_code(
+    codec: S3dc, data: Buffer, shape: Zyx, sample: np.dtype[Any], *, predicted: bool = False
+) -> memoryview:
+    """The bytes of a code, as many as shape and type need; at a variable rate, for its tables.
+
+    To be called before anything is allocated.
 
     Raises:
-        CorruptBrickError: another size.
-        InvalidInputError: a volume with more bytes than can be counted.
+        CorruptBrickError: another number of bytes.
+        InvalidInputError: they are not contiguous, or more than can be counted.
     """
+    view = memoryview(data)
+    if not view.c_contiguous:
+        raise InvalidInputError("a code must be contiguous in memory; pass bytes(data)")
     if codec.variable or predicted:
         nbytes, has = variable_layout(codec, shape, sample, predicted).payload_begin, "has at least"
-        if view.nbytes >= nbytes:
-            return
+        sound = view.nbytes >= nbytes
     else:
         nbytes, has = fixed_layout(codec, shape, sample).nbytes, "has"
-        if view.nbytes == nbytes:
-            return
-    raise CorruptBrickError(
-        f"the code of {shape} {sample} voxels with {codec} {has} {nbytes} bytes, but "
-        f"{view.nbytes} were given; fetch them again, or check shape and parameters",
-        expected_nbytes=nbytes,
-        given_nbytes=view.nbytes,
-    )
+        sound = view.nbytes == nbytes
+    if not sound:
+        raise CorruptBrickError(
+            f"the code of {shape} {sample} voxels with {codec} {has} {nbytes} bytes, but "
+            f"{view.nbytes} were given; fetch them again, or check shape and parameters",
+            expected_nbytes=nbytes,
+            given_nbytes=view.nbytes,
+        )
+    return view.cast("B")
