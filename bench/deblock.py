@@ -1,28 +1,35 @@
-"""What deblocking does to decoded S3Dc volumes: PSNR and seam energy before and after.
+"""What deblocking does to decoded volumes: PSNR and seam energy before and after.
 
-    python bench/deblock.py FOLDER [--crop 128] [--bits 1,2,3,4] [--blocks 4,8,16] [--json FILE]
+    script/bench deblock [--data ../shared/data] [--crop 128] [--quick] [--json FILE]
 
-Takes every scalar volume of a folder, in a crop around its centre; of a folder in it, which holds
-time steps, the first. Per
-volume, bits and block: PSNR without the filter, and what is gained by the filter unlimited, by the
-clamp and by the ramp. Seam energy is the mean jump across block borders over the mean jump
-elsewhere; 1 is seamless.
+S3Dc at 1, 2, 3 and 4 bits with blocks of 4³, 8³ and 16³, and zerobit at 1, 2 and 5 %, whose blocks
+are its cells of 4³ voxels, of every scalar volume of a folder, in a crop around its centre (0: the
+whole volume); of a folder in it, which holds time steps, the first. "unlimited" is the paper's
+filter, "clamp", "ramp" and "auto" limit it by what the code can have lost; of zerobit that is twice
+the threshold of the unit block. All of these at the default strength, the first and the last at the
+others too. Seam energy is the mean jump across block borders over the mean jump elsewhere; 1 is
+seamless. Rows where the default lowers PSNR are listed at the end.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import _measure
 import numpy as np
 from numpy.typing import NDArray
+from volumes import volumes
 
-from octobrick.codec import S3dc, deblock, metrics
+from octobrick.codec import S3dc, Zerobit, deblock, metrics
 
-from volumes import volumes  # isort: skip
-
+BITS = (1, 2, 3, 4)
+BLOCKS = (4, 8, 16)
+RATIOS = (0.01, 0.02, 0.05)
+STRENGTHS = (0.0, 1.0, 4.0, 16.0, 64.0)
+DEFAULT_STRENGTH = 4.0
 WAYS: dict[str, dict[str, Any]] = {
     "unlimited": {},
     "sequential": {"axes": "sequential"},
@@ -31,89 +38,187 @@ WAYS: dict[str, dict[str, Any]] = {
     "auto": {},
 }
 UNLIMITED = ("unlimited", "sequential")
+SWEPT = ("unlimited", "auto")  # at all strengths
 DEFAULT = "auto"
+CELL, UNIT_BLOCK = 4, 16  # of zerobit, voxels
+WHOLE = 10**9  # a crop that no volume reaches
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """What a code gives back, and what it can have lost.
+
+    Args:
+        code: "S3Dc 2 bits", or "zerobit 5 %".
+        block: voxels per axis.
+        voxels: decoded.
+        bounds: the greatest error, one per block.
+    """
+
+    code: str
+    block: int
+    voxels: NDArray[Any]
+    bounds: NDArray[np.float32]
+
+
+def decoded(voxels: NDArray[Any], quick: bool) -> Iterator[Decoded]:
+    """The volume through every code."""
+    for bits in BITS:
+        for block in (8,) if quick else BLOCKS:
+            codec = S3dc((block,) * 3, bits)
+            code = codec.encode(voxels)
+            bounds = deblock.s3dc_bounds(codec, code, voxels.shape, voxels.dtype)
+            back = codec.decode(code, voxels.shape, voxels.dtype)
+            yield Decoded(f"S3Dc {bits} bits", block, back, bounds)
+    for ratio in RATIOS:
+        zerobit = Zerobit(ratio)
+        code = zerobit.encode(voxels)
+        bounds = zerobit_bounds(zerobit, code, voxels.shape)
+        back = zerobit.decode(code, voxels.shape, voxels.dtype)
+        yield Decoded(f"zerobit {ratio:.0%}", CELL, back, bounds)
+
+
+def zerobit_bounds(codec: Zerobit, code: bytes, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Twice the threshold of its unit block, for every cell."""
+    bounds = 2 * codec.block_thresholds(code)
+    for axis, n in enumerate(shape):
+        bounds = np.repeat(bounds, UNIT_BLOCK // CELL, axis).take(range(-(-n // CELL)), axis)
+    return bounds
 
 
 def seam_energy(volume: NDArray[Any], block: int) -> float:
     """The mean |jump| across block borders over the mean |jump| inside blocks."""
-    across, inside = [], []
+    across = inside = 0.0
+    across_count = inside_count = 0
     for axis in range(3):
-        jumps = np.abs(np.diff(volume.astype(np.float64), axis=axis))
-        at_border = np.arange(1, volume.shape[axis]) % block == 0
-        across.append(jumps.compress(at_border, axis).ravel())
-        inside.append(jumps.compress(~at_border, axis).ravel())
-    return float(np.concatenate(across).mean() / np.concatenate(inside).mean())
+        jumps = np.abs(np.diff(volume.astype(np.float32), axis=axis))
+        at_border = jumps.take(range(block - 1, jumps.shape[axis], block), axis)
+        at_borders = float(at_border.sum(dtype=np.float64))
+        across, across_count = across + at_borders, across_count + at_border.size
+        inside += float(jumps.sum(dtype=np.float64)) - at_borders
+        inside_count += jumps.size - at_border.size
+    return (across / across_count) / (inside / inside_count)
 
 
-def measure(voxels: NDArray[Any], bits: int, block: int, strength: float) -> dict[str, Any]:
-    """PSNR and seams before the filter, and after it in every way."""
-    codec = S3dc((block,) * 3, bits)
-    code = codec.encode(voxels)
-    decoded = codec.decode(code, voxels.shape, voxels.dtype)
-    bounds = deblock.s3dc_bounds(codec, code, voxels.shape, voxels.dtype)
-    original = voxels.astype(np.float32)
-    peak = float(np.ptp(original))
-    before = metrics.psnr(original, decoded.astype(np.float32), peak)
-    found: dict[str, Any] = {
+def measure(original: NDArray[Any], coded: Decoded, strengths: tuple[float, ...]) -> dict[str, Any]:
+    """PSNR and seams before the filter, and after it in every way at every strength."""
+    wide = original.astype(np.float32)
+    peak = float(np.ptp(wide))
+    before = metrics.psnr(wide, coded.voxels.astype(np.float32), peak)
+    found: list[dict[str, Any]] = []
+    for strength in strengths:
+        for way in WAYS if strength == DEFAULT_STRENGTH else SWEPT:
+            bound = None if way in UNLIMITED else coded.bounds
+            after = deblock.rational_bezier(
+                coded.voxels, (coded.block,) * 3, strength, bound, **WAYS[way]
+            )
+            gain = metrics.psnr(wide, after, peak) - before
+            seam = seam_energy(after, coded.block)
+            found.append({"way": way, "strength": strength, "gain_db": gain, "seam": seam})
+    return {
+        "code": coded.code,
+        "block": coded.block,
         "psnr_db": before,
-        "seam": seam_energy(decoded, block),
-        "original_seam": seam_energy(voxels, block),
+        "seam": seam_energy(coded.voxels, coded.block),
+        "original_seam": seam_energy(original, coded.block),
+        "filtered": found,
     }
-    for name, options in WAYS.items():
-        bound = None if name in UNLIMITED else bounds
-        after = deblock.rational_bezier(decoded, codec.block, strength, bound, **options)
-        found[f"{name}_gain_db"] = metrics.psnr(original, after, peak) - before
-        found[f"{name}_seam"] = seam_energy(after, block)
+
+
+def run(data: Path, quick: bool, crop: int = 128) -> dict[str, Any]:
+    """A row for each volume, code and block."""
+    strengths = (DEFAULT_STRENGTH,) if quick else STRENGTHS
+    rows = [
+        {"volume": name, **measure(voxels, coded, strengths)}
+        for name, voxels in volumes(data, min(crop, 64) if quick else crop or WHOLE)
+        for coded in decoded(voxels, quick)
+    ]
+    return {"crop": crop, "rows": rows, "summary": summary(rows)}
+
+
+def filtered(row: dict[str, Any], way: str, strength: float) -> dict[str, Any]:
+    """What the filter did to a row, in one way."""
+    return next(f for f in row["filtered"] if (f["way"], f["strength"]) == (way, strength))
+
+
+def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Mean and worst gain, and mean seams, of each code, way and strength."""
+    found = []
+    for code in dict.fromkeys(row["code"] for row in rows):
+        of_code = [row for row in rows if row["code"] == code]
+        for first in of_code[0]["filtered"]:
+            way, strength = first["way"], first["strength"]
+            gains = [filtered(row, way, strength)["gain_db"] for row in of_code]
+            seams = [filtered(row, way, strength)["seam"] for row in of_code]
+            found.append(
+                {
+                    "code": code,
+                    "way": way,
+                    "strength": strength,
+                    "mean_gain_db": float(np.mean(gains)),
+                    "worst_gain_db": min(gains),
+                    "mean_seam_before": float(np.mean([row["seam"] for row in of_code])),
+                    "mean_seam_after": float(np.mean(seams)),
+                }
+            )
     return found
 
 
-def summarise(rows: list[dict[str, Any]]) -> None:
-    """Mean and worst gain per number of bits, and what the default loses."""
-    print("\nbits   " + "   ".join(f"{way:>10} mean  worst" for way in WAYS))
-    for bits in sorted({row["bits"] for row in rows}):
-        cells = []
-        for way in WAYS:
-            gains = [row[f"{way}_gain_db"] for row in rows if row["bits"] == bits]
-            cells.append(f"{np.mean(gains):15.2f} {min(gains):6.2f}")
-        print(f"{bits:4}   " + "   ".join(cells))
-    worse = [row for row in rows if row[f"{DEFAULT}_gain_db"] < 0]
-    print(f"\nThe default ({DEFAULT}) lowers PSNR in {len(worse)} of {len(rows)} rows:")
-    for row in sorted(worse, key=lambda row: float(row[f"{DEFAULT}_gain_db"])):
-        print(
-            f"  {row['volume']} {row['bits']} bits, blocks of {row['block']}: "
-            f"{row[f'{DEFAULT}_gain_db']:+.2f} dB"
-        )
+def table(result: dict[str, Any]) -> str:
+    """Rows at the default strength; means over volumes at all; what the default makes worse."""
+    rows = result["rows"]
+    head = ["gain dB, seam after", "code", "block", "dB", "seam", "original", *WAYS]
+    lines = [[*before(row), *(after(row, way) for way in WAYS)] for row in rows]
+    means = [
+        [
+            of["code"],
+            of["way"],
+            f"{of['strength']:g}",
+            f"{of['mean_gain_db']:+.2f}",
+            f"{of['worst_gain_db']:+.2f}",
+            f"{of['mean_seam_before']:.2f}",
+            f"{of['mean_seam_after']:.2f}",
+        ]
+        for of in result["summary"]
+    ]
+    mean_head = ["mean of all", "way", "strength", "gain dB", "worst", "seam", "seam after"]
+    worse = sorted(
+        (row for row in rows if default_gain(row) < 0), key=lambda row: float(default_gain(row))
+    )
+    shown = (DEFAULT, "ramp")  # the ramp is for zerobit: see docs/spec/deblocking.md
+    worse_head = [f"{DEFAULT} lowers PSNR", "code", "block", "dB", "seam", "original", *shown]
+    return "\n\n".join(
+        [
+            _measure.layout(head, lines),
+            _measure.layout(mean_head, means),
+            f"The default lowers PSNR in {len(worse)} of {len(rows)} rows.",
+            _measure.layout(
+                worse_head, [[*before(row), *(after(row, way) for way in shown)] for row in worse]
+            ),
+        ]
+    )
+
+
+def default_gain(row: dict[str, Any]) -> float:
+    gain: float = filtered(row, DEFAULT, DEFAULT_STRENGTH)["gain_db"]
+    return gain
+
+
+def before(row: dict[str, Any]) -> list[str]:
+    figures = [f"{row[k]:.2f}" for k in ("psnr_db", "seam", "original_seam")]
+    return [row["volume"][:28], row["code"], str(row["block"]), *figures]
+
+
+def after(row: dict[str, Any], way: str) -> str:
+    found = filtered(row, way, DEFAULT_STRENGTH)
+    return f"{found['gain_db']:+.2f} {found['seam']:4.2f}"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--crop", type=int, default=128)
-    parser.add_argument("--bits", default="1,2,3,4")
-    parser.add_argument("--blocks", default="4,8,16")
-    parser.add_argument("--strength", type=float, default=4)
-    parser.add_argument("--json", type=Path)
+    parser = _measure.parser(__doc__)
+    parser.add_argument("--crop", type=int, default=128, help="voxels per axis; 0: whole volumes")
     options = parser.parse_args()
-
-    rows: list[dict[str, Any]] = []
-    head = "  ".join(f"{way:>10} dB seam" for way in WAYS)
-    print(f"{'volume':28} bits block   dB    seam (orig)  {head}")
-    for name, voxels in volumes(options.folder, options.crop):
-        for bits in map(int, options.bits.split(",")):
-            for block in map(int, options.blocks.split(",")):
-                found = measure(voxels, bits, block, options.strength)
-                rows.append({"volume": name, "bits": bits, "block": block, **found})
-                cells = "  ".join(
-                    f"{found[f'{way}_gain_db']:+13.2f} {found[f'{way}_seam']:4.2f}" for way in WAYS
-                )
-                print(
-                    f"{name[:28]:28} {bits:4} {block:5} {found['psnr_db']:6.2f} "
-                    f"{found['seam']:5.2f} ({found['original_seam']:4.2f})  {cells}",
-                    flush=True,
-                )
-    summarise(rows)
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=2) + "\n")
+    _measure.report(options, run(options.data, options.quick, options.crop), table)
 
 
 if __name__ == "__main__":

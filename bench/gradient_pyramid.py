@@ -1,29 +1,30 @@
 """How well coarse gradients tell the directions of the original ones, level by level.
 
-    python bench/gradient_pyramid.py FOLDER [--crop 128] [--levels 3] [--json FILE]
+    script/bench gradient_pyramid [--data ../shared/data] [--quick] [--json FILE]
 
 Looks at the strongest fifth of the original gradients: the angle between each and the gradient of
 the coarse voxel that it lies in, and the share whose coarse gradient has vanished (below a tenth
 of its own). Four ways to a coarse gradient: `weighted` (gradients.reduce), `mean` of 2×2×2
 gradients, `subsampled` (every second gradient), `scalars` (differences of reduced voxels, as a
-shader would take them).
+shader would take them). Of each volume its central 128³ voxels.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import Any
 
+import _measure
 import numpy as np
 from numpy.typing import NDArray
+from volumes import volumes
 
 from octobrick.codec import gradients, metrics
 from octobrick.codec.reduce import mean2
 
-from volumes import volumes  # isort: skip
-
+CROP = 128
+LEVELS = 3
+WAYS = ("weighted", "mean", "subsampled", "scalars")
 STRONGEST = 0.2
 VANISHED = 0.1
 Field = NDArray[np.float32]
@@ -37,9 +38,7 @@ def plain_mean(field: Field) -> Field:
 def pyramids(voxels: NDArray[Any], levels: int) -> dict[str, list[Field]]:
     """The gradients of levels 1 and up, in every way, in units of the original voxel."""
     first = gradients.central_differences(voxels)
-    ways: dict[str, list[Field]] = {
-        way: [] for way in ("weighted", "mean", "subsampled", "scalars")
-    }
+    ways: dict[str, list[Field]] = {way: [] for way in WAYS}
     weighted = mean = subsampled = first
     scalars = voxels.astype(np.float32)
     for level in range(1, levels + 1):
@@ -74,33 +73,36 @@ def measure(voxels: NDArray[Any], levels: int) -> dict[str, list[dict[str, float
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--crop", type=int, default=128)
-    parser.add_argument("--levels", type=int, default=3)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+def run(data: Path, quick: bool) -> dict[str, Any]:
+    """Every volume's angles and shares, and their means over the volumes."""
+    found = {name: measure(voxels, LEVELS) for name, voxels in volumes(data, 64 if quick else CROP)}
+    measures = ("mean_degrees", "p95_degrees", "vanished")
+    means = {
+        way: [
+            {k: float(np.mean([of[way][level][k] for of in found.values()])) for k in measures}
+            for level in range(LEVELS)
+        ]
+        for way in WAYS
+    }
+    return {"volumes": found, "mean_of_volumes": means}
 
-    results = {}
-    for name, voxels in volumes(options.folder, options.crop):
-        results[name] = measure(voxels, options.levels)
-        for level in range(options.levels):
-            cells = "   ".join(
-                f"{way} {rows[level]['mean_degrees']:5.1f}° {rows[level]['p95_degrees']:5.1f}° "
-                f"{100 * rows[level]['vanished']:4.1f}%"
-                for way, rows in results[name].items()
-            )
-            print(f"{name[:24]:24} level {level + 1}   {cells}", flush=True)
-    for level in range(options.levels):
-        cells = "   ".join(
-            f"{way} {np.mean([r[way][level]['mean_degrees'] for r in results.values()]):.1f}°"
-            for way in ("weighted", "mean", "subsampled", "scalars")
-        )
-        print(f"mean of all, level {level + 1}: {cells}")
-    if options.json:
-        options.json.write_text(json.dumps(results, indent=2) + "\n")
+
+def table(result: dict[str, Any]) -> str:
+    """Mean angle, 95th percentile and share that vanished, of each way."""
+    of_all = {**result["volumes"], "mean of all": result["mean_of_volumes"]}
+    rows = [
+        [name[:28], str(level + 1), *(figures(ways[way][level]) for way in WAYS)]
+        for name, ways in of_all.items()
+        for level in range(LEVELS)
+    ]
+    head = ["mean, 95 %, vanished", "level", *WAYS]
+    return _measure.layout(head, rows)
+
+
+def figures(found: dict[str, float]) -> str:
+    degrees = f"{found['mean_degrees']:.1f}° {found['p95_degrees']:5.1f}°"
+    return f"{degrees} {found['vanished']:6.1%}"
 
 
 if __name__ == "__main__":
-    main()
+    _measure.main(__doc__, run, table)

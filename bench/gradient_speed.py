@@ -1,35 +1,28 @@
-"""How fast gradients are made, reduced, encoded and decoded, on one thread and on all.
+"""Gradients: how fast they are made, reduced, encoded and decoded, and how far codes are off.
 
-    python bench/gradient_speed.py [--millions 4] [--rounds 7] [--json FILE]
+    script/bench gradient_speed [--quick] [--json FILE]
 
-Prints medians in million vectors a second, and how far the decoded directions are off.
+Medians in million vectors a second, on one thread and on all. Angles are of random directions,
+beside rounding them plainly to three bytes; the largest hole is the furthest that any direction
+can be from all codes, with the transform, and without, as a search and its bound find it.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import statistics
-import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import _measure
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.codec import gradients, metrics
+from octobrick.codec import gradients, metrics, reference_gradients
 
-
-def median_rate(call: Callable[[], object], count: int, rounds: int) -> float:
-    """Million vectors a second; the first call, which makes tables and pages, does not count."""
-    call()
-    seconds = []
-    for _ in range(rounds):
-        start = time.perf_counter()
-        call()
-        seconds.append(time.perf_counter() - start)
-    return count / statistics.median(seconds) / 1e6
+SIDE = 128  # voxels of the cube that is timed
+ROUNDS = 7
+MILLIONS = 10  # random directions
 
 
 def plainly_rounded(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -57,33 +50,72 @@ def errors(millions: int) -> dict[str, float]:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--millions", type=int, default=10, help="random directions to check")
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+def holes() -> dict[str, dict[str, float]]:
+    """The largest hole between directions that have a code, and a bound on it."""
+    found = {}
+    for name, percent in (("treated", reference_gradients.BLEND_PERCENT), ("untreated", 0)):
+        least, most = reference_gradients.largest_hole(percent)
+        found[name] = {"found_degrees": least, "bound_degrees": most}
+    return found
 
-    volume = np.random.default_rng(2).integers(0, 256, (128, 128, 128), np.uint8)
+
+def rates(rounds: int) -> dict[str, dict[str, float]]:
+    """Million vectors a second, on one thread and on all."""
+    volume = np.random.default_rng(2).integers(0, 256, (SIDE,) * 3, np.uint8)
     field = gradients.central_differences(volume)
     code = gradients.encode_directions(field)
-    count = volume.size
-    rates: dict[str, dict[str, float]] = {}
-    for name, threads in (("one thread", 1), ("all threads", None)):
+    found = {}
+    for name, threads in (("one_thread", 1), ("all_threads", None)):
         calls: dict[str, Callable[[], object]] = {
-            "central differences": partial(gradients.central_differences, volume, threads=threads),
+            "central_differences": partial(gradients.central_differences, volume, threads=threads),
             "reduce": partial(gradients.reduce, field, threads=threads),
             "encode": partial(gradients.encode_directions, field, threads=threads),
             "decode": partial(gradients.decode_directions, code, threads=threads),
         }
-        rates[name] = {k: median_rate(call, count, options.rounds) for k, call in calls.items()}
-    found = {"million_per_second": rates, "error": errors(options.millions)}
-    for name, values in rates.items():
-        print(name, "  ".join(f"{k} {v:.1f} M/s" for k, v in values.items()))
-    print(found["error"])
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2) + "\n")
+        medians = _measure.alternating(calls, rounds)
+        found[name] = {call: volume.size / took / 1e6 for call, took in medians.items()}
+    return found
+
+
+def run(_data: Path, quick: bool) -> dict[str, Any]:
+    """Rates, errors and holes; no volume is read."""
+    return {
+        "million_per_second": rates(3 if quick else ROUNDS),
+        "error": errors(1 if quick else MILLIONS),
+        "largest_hole": holes(),
+    }
+
+
+def table(result: dict[str, Any]) -> str:
+    """Rates; then angles."""
+    rates, error, hole = (result[k] for k in ("million_per_second", "error", "largest_hole"))
+    calls = list(rates["one_thread"])
+    speed = [
+        [name.replace("_", " "), *(f"{row[call]:.1f}" for call in calls)]
+        for name, row in rates.items()
+    ]
+    angles = [
+        ["ours"]
+        + [f"{error[k]:.4f}" for k in ("max_degrees", "mean_degrees")]
+        + [f"{hole['treated'][k]:.4f}" for k in ("found_degrees", "bound_degrees")],
+        ["plain rounding"]
+        + [f"{error[f'plain_rounding_{k}_degrees']:.4f}" for k in ("max", "mean")]
+        + [f"{hole['untreated'][k]:.4f}" for k in ("found_degrees", "bound_degrees")],
+    ]
+    head = [
+        f"of {error['directions']:,} directions",
+        "max °",
+        "mean °",
+        "largest hole °",
+        "bound °",
+    ]
+    return "\n\n".join(
+        [
+            _measure.layout(["M/s", *(call.replace("_", " ") for call in calls)], speed),
+            _measure.layout(head, angles),
+        ]
+    )
 
 
 if __name__ == "__main__":
-    main()
+    _measure.main(__doc__, run, table)

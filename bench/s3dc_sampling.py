@@ -1,10 +1,11 @@
 """Sampling straight from S3Dc codes: nanoseconds per sample, beside the same samples of an array.
 
-    python bench/s3dc_sampling.py [--data ../shared/data] [--json FILE] [--rounds 7] [--mib 256]
+    script/bench s3dc_sampling [--data ../shared/data] [--quick] [--json FILE]
 
 Points are random, or lie half a voxel apart along tiles of parallel rays, as a ray caster asks for
-them. Volumes are repeated along z until they have --mib MiB, which no cache holds. One thread, on
-processor time: times of a machine that does other things besides are comparable within a row.
+them. Volumes of 8 and 16 bits are repeated along z until they have 256 MiB, which no cache holds;
+blocks of 8³ voxels. One thread, on processor time: times of a machine that does other things
+besides are comparable within a row.
 
 "array" is sampled by the templates that sample the code, which fetch ahead for 32 points ("plain",
 with its 16 fetches, does not); "loop" is the array, point by point, as a simple program does. Times
@@ -14,14 +15,13 @@ compared with those that `octobrick.codec.reference_sampling` takes from the dec
 
 from __future__ import annotations
 
-import argparse
 import json
-import platform
 import subprocess
 import tempfile
 from pathlib import Path
 from typing import Any
 
+import _measure
 import numpy as np
 from numpy.typing import NDArray
 from volumes import volumes
@@ -29,8 +29,9 @@ from volumes import volumes
 from octobrick.codec import S3dc, S3dcSampler, _native, reference_sampling
 from octobrick.codec.arrays import SAMPLE_DTYPES
 
-ROOT = Path(__file__).parents[1]
 BITS = (2, 4, 8)
+EDGE = 8
+MIB = 256
 COLUMNS = (
     ("nearest_code", "nearest"),
     ("nearest_array", "array"),
@@ -40,17 +41,6 @@ COLUMNS = (
     ("trilinear_array", "array"),
     ("trilinear_loop", "loop"),
 )
-
-
-def build(folder: Path) -> Path:
-    """Compiles bench/s3dc_sampling.cpp."""
-    flags = ["-DOCTOBRICK_PYTHON=OFF", "-DOCTOBRICK_BENCH=ON"]
-    for command in (
-        ["cmake", "-S", str(ROOT), "-B", str(folder), *flags],
-        ["cmake", "--build", str(folder), "--target", "s3dc_sampling"],
-    ):
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    return folder / "codec/s3dc_sampling"
 
 
 def enlarged(voxels: NDArray[Any], mib: int) -> NDArray[Any]:
@@ -74,6 +64,7 @@ def check(codec: S3dc, code: bytes, voxels: NDArray[Any]) -> dict[str, float]:
     ):
         np.testing.assert_array_equal(found, expected)
     number = SAMPLE_DTYPES.index(voxels.dtype)
+    assert codec.bits is not None
     counter = _native.S3dcSampler(code, voxels.shape, number, codec.block, codec.bits)
     names = ("nearest", "trilinear", "trilinear_shared")
     kinds = (
@@ -102,52 +93,45 @@ def measure(
     return times
 
 
-def print_row(bits: int, points: str, times: dict[str, float], fetches: float) -> None:
-    ns = [times[f"{column}_{points}"] for column, _ in COLUMNS]
-    plain, shared, array, loop = ns[3:]
-    print(
-        f"{bits:4} {points:7}"
-        + "".join(f"{t:8.1f}" for t in ns)
-        + f"{fetches:9.2f} {plain / shared:8.2f} {array / shared:8.2f} {loop / shared:8.2f}"
-    )
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared/data")
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--mib", type=int, default=256, help="of each volume, repeated along z")
-    parser.add_argument("--edge", type=int, default=8, help="voxels of a block on each axis")
-    parser.add_argument("--only", nargs="*", help="files to take, by a part of their names")
-    arguments = parser.parse_args()
-    report: dict[str, Any] = {"machine": platform.processor() or platform.machine(), "volumes": {}}
-    with tempfile.TemporaryDirectory() as folder:
-        program = build(Path(folder))
-        for name, crop in volumes(arguments.data, 512):
-            if arguments.only and not any(part in name for part in arguments.only):
-                continue
+def run(data: Path, quick: bool) -> dict[str, Any]:
+    """Nanoseconds and fetches per sample, by volume and bits."""
+    rows: dict[str, Any] = {}
+    with _measure.program("s3dc_sampling") as program:
+        for name, crop in volumes(data, 64 if quick else 512):
             if crop.dtype not in (np.uint8, np.uint16):
                 continue
-            voxels = enlarged(crop, arguments.mib)
-            entry: dict[str, Any] = {"shape": voxels.shape, "dtype": voxels.dtype.name, "rows": []}
-            report["volumes"][name] = entry
-            print(
-                f"\n{name} {voxels.shape} {voxels.dtype}, blocks of {arguments.edge}; ns a sample"
-            )
-            print(" " * 12 + "".join(f"{head:>8}" for _, head in COLUMNS), end="")
-            print("  fetches  /shared: plain    array     loop")
+            voxels = enlarged(crop, 1 if quick else MIB)
+            found = []
             for bits in BITS:
-                codec = S3dc((arguments.edge,) * 3, bits)
+                codec = S3dc((EDGE,) * 3, bits)
                 code = codec.encode(voxels)
                 fetches = check(codec, code, voxels)
-                times = measure(program, codec, code, voxels, arguments.rounds)
-                entry["rows"].append({"bits": bits, "fetches": fetches, "ns": times})
-                for points in ("random", "rays"):
-                    print_row(bits, points, times, fetches["trilinear_shared"])
-    if arguments.json:
-        arguments.json.write_text(json.dumps(report, indent=2) + "\n")
+                times = measure(program, codec, code, voxels, 1 if quick else 5)
+                found.append({"bits": bits, "fetches": fetches, "ns": times})
+            rows[name] = {"shape": voxels.shape, "dtype": voxels.dtype.name, "rows": found}
+            if quick and len(rows) == 2:
+                break
+    return {"edge": EDGE, "rows": rows}
+
+
+def table(figures: dict[str, Any]) -> str:
+    """Nanoseconds, fetches of shared trilinear samples, and what those gain over the others."""
+    lines = []
+    for name, volume in figures["rows"].items():
+        for row in volume["rows"]:
+            for points in ("random", "rays"):
+                ns = [row["ns"][f"{column}_{points}"] for column, _ in COLUMNS]
+                plain, shared, array, loop = ns[3:]
+                lines.append(
+                    [f"{name[:20]} {volume['dtype']}", str(row["bits"]), points]
+                    + [f"{t:.1f}" for t in ns]
+                    + [f"{row['fetches']['trilinear_shared']:.2f}"]
+                    + [f"{t / shared:.2f}" for t in (plain, array, loop)]
+                )
+    head = ["ns a sample", "bits", "points", *(name for _, name in COLUMNS)]
+    head += ["fetches", "plain/shared", "array/shared", "loop/shared"]
+    return _measure.layout(head, lines)
 
 
 if __name__ == "__main__":
-    main()
+    _measure.main(__doc__, run, table)

@@ -10,7 +10,9 @@
 #include <nanobind/stl/variant.h>
 #include <nanobind/stl/vector.h>
 
+#include <cstring>
 #include <optional>
+#include <span>
 #include <tuple>
 #include <variant>
 
@@ -107,6 +109,17 @@ class Reader {
                     [&](std::byte* to) { get().voxels({&p, 1}, to); });
     }
 
+    // Many at once: `at` has three uint64 for each. All unit blocks are checked.
+    ZerobitOutcome many_voxels(nb::handle at, nb::handle out) const {
+        return read_many(at, header().shape, out, 1,
+                         [&](std::span<const Zyx> p, std::byte* to) { get().voxels(p, to); });
+    }
+
+    ZerobitOutcome many_cells(nb::handle at, nb::handle out) const {
+        return read_many(at, cells(), out, 64,
+                         [&](std::span<const Zyx> p, std::byte* to) { get().cells(p, to); });
+    }
+
     ZerobitOutcome plane(const Position& cell, unsigned axis, unsigned offset,
                          nb::handle out) const {
         if (axis > 2 || offset > 3) throw nb::value_error("no such plane");
@@ -137,6 +150,26 @@ class Reader {
     Zyx cells() const {
         const Zyx s = header().shape;
         return {(s.z + 3) / 4, (s.y + 3) / 4, (s.x + 3) / 4};
+    }
+
+    template <class F>
+    ZerobitOutcome read_many(nb::handle at, Zyx within, nb::handle out, std::size_t voxels,
+                             const F& f) const {
+        const Buffer from(at), to(out, PyBUF_WRITABLE);
+        std::uint64_t p[3];
+        std::vector<Zyx> positions(from.size() / sizeof p);
+        from.require_nbytes(positions.size() * sizeof p);
+        to.require_nbytes(positions.size() * voxels * unit());
+        for (std::size_t k = 0; k < positions.size(); ++k) {
+            std::memcpy(p, from.data() + k * sizeof p, sizeof p);
+            if (p[0] >= within.z || p[1] >= within.y || p[2] >= within.x) {
+                throw nb::value_error("outside of the volume");
+            }
+            positions[k] = {p[0], p[1], p[2]};
+        }
+        const ZerobitOutcome outcome = get().check();
+        if (outcome.status == ZerobitStatus::ok) f(positions, to.data());
+        return outcome;
     }
 
     // Checks the unit block of `at`, `per_block` of which lie in one along each axis; then reads.
@@ -223,6 +256,10 @@ void bind_zerobit(nb::module_& m) {
         .def("check", &Reader::check, nb::arg("threads") = 0)
         .def("level", &Reader::level, nb::arg("level"), nb::arg("out"), nb::arg("threads") = 0)
         .def("voxel", &Reader::voxel, nb::arg("at"), nb::arg("out"))
+        .def("voxels", &Reader::many_voxels, nb::arg("at"), nb::arg("out"),
+             "Of many positions, uint64 (n, 3).")
+        .def("cells", &Reader::many_cells, nb::arg("at"), nb::arg("out"),
+             "Of many cells, uint64 (n, 3).")
         .def("plane", &Reader::plane, nb::arg("cell"), nb::arg("axis"), nb::arg("offset"),
              nb::arg("out"))
         .def("cell", &Reader::cell, nb::arg("cell"), nb::arg("out"))

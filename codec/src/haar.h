@@ -19,14 +19,6 @@ struct Lanes {
     static constexpr unsigned kLanes = Channels == 1 ? 1 : 4;
     A at[kLanes] = {};
 
-    // *this + b, or *this - b, of whole numbers and without a jump.
-    Lanes plus(const Lanes& b, bool negative) const {
-        const A mask = negative ? A{-1} : A{0};
-        Lanes sum;
-        for (unsigned i = 0; i < kLanes; ++i) sum.at[i] = at[i] + ((b.at[i] ^ mask) - mask);
-        return sum;
-    }
-
     friend Lanes operator+(Lanes a, const Lanes& b) {
         for (unsigned i = 0; i < kLanes; ++i) a.at[i] += b.at[i];
         return a;

@@ -50,6 +50,7 @@ ZerobitOperations count(const F& f) {
     return Counted::done;
 }
 
+constexpr auto kSame = [](Counted value) { return value; };
 constexpr auto kIgnore = [](unsigned, unsigned, unsigned, Counted) {};
 
 }  // namespace
@@ -66,14 +67,14 @@ ZerobitOperations zerobit_plane_operations(unsigned axis, unsigned offset) {
         Part nodes[3], halves[3];
         nodes[axis] = Part::one(offset / 2);
         halves[axis] = Part::one(offset % 2);
-        s.each_voxel(cell, nodes, halves, kIgnore);
+        s.each_voxel(cell, nodes, halves, kSame, kIgnore);
     });
 }
 
 ZerobitOperations zerobit_cell_operations() {
     return count([](const auto& s, const CellView& cell) {
         const Part all[3];
-        s.each_voxel(cell, all, all, kIgnore);
+        s.each_voxel(cell, all, all, kSame, kIgnore);
     });
 }
 

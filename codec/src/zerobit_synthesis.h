@@ -24,19 +24,16 @@ inline std::uint64_t flags_of(const std::uint8_t* block) {
     return block[0] == 0 ? 0 : flags;
 }
 
-inline bool has_cell(const std::uint8_t* block, unsigned cell) {
-    return (flags_of(block) >> cell & 1) != 0;
-}
-
-// Where the information of a cell is that is not null.
-inline const std::uint8_t* info_of(const std::uint8_t* block, unsigned cell) {
-    const auto before = static_cast<unsigned>(std::popcount(flags_of(block) & low_bits(cell)));
-    return block + 9 + kCellInfoNbytes * before;
+// Where the information of a cell is that is not null, by the flags of its block.
+inline const std::uint8_t* info_of(const std::uint8_t* block, std::uint64_t flags, unsigned cell) {
+    const std::uint64_t earlier = flags & ((std::uint64_t{1} << cell) - 1);
+    return block + 9 + kCellInfoNbytes * static_cast<unsigned>(std::popcount(earlier));
 }
 
 // The same, null where the cell is.
 inline const std::uint8_t* find_cell(const std::uint8_t* block, unsigned cell) {
-    return has_cell(block, cell) ? info_of(block, cell) : nullptr;
+    const std::uint64_t flags = flags_of(block);
+    return (flags >> cell & 1) != 0 ? info_of(block, flags, cell) : nullptr;
 }
 
 // ZSMS, and DIS behind it, of a unit block that is not void.
@@ -90,25 +87,79 @@ struct Codewords {
     V of[kCodewords] = {};
 };
 
+// How each detail of a map counts for value `at` (4z + 2y + x) of its node, in 16 bits per detail,
+// in the order of their indices: 0 where it is added, kCodewords where it is subtracted, twice
+// that where there is no such detail.
+struct Signs {
+    constexpr Signs() {
+        for (unsigned at = 0; at < 8; ++at) {
+            const unsigned letters = at / 4 + (at & 2) + at % 2 * 4;  // as those of j lie
+            for (unsigned map = 0; map < 128; ++map) {
+                std::uint64_t* const of[2] = {&first[at][map], &rest[at][map]};
+                unsigned k = 0;
+                for (unsigned j = 1; j < 8; ++j) {
+                    if ((map >> (j - 1) & 1) == 0) continue;
+                    const std::uint64_t minus = std::popcount(letters & j) & 1;
+                    *of[k / 4] |= minus * kCodewords << 16 * (k % 4);
+                    ++k;
+                }
+                for (; k < 8; ++k) *of[k / 4] |= std::uint64_t{2 * kCodewords} << 16 * (k % 4);
+            }
+        }
+    }
+    std::uint64_t first[8][128] = {}, rest[8][128] = {};  // details 0 to 3, and 4 to 6
+};
+inline constexpr Signs kSigns;
+
+// Four bytes, to 16 bits each.
+constexpr std::uint64_t widened(std::uint32_t bytes) {
+    const std::uint64_t halves = (bytes | std::uint64_t{bytes} << 16) & 0x0000ffff0000ffffu;
+    return (halves | halves << 8) & 0x00ff00ff00ff00ffu;
+}
+
+// What a detail adds to a value, by its index plus what Signs says: in whole numbers the order of
+// additions does not matter, so that a voxel takes its details one by one. Of the others nothing.
+template <class V, bool Whole = std::is_integral_v<typename V::Scalar>>
+struct Terms {
+    // The share of all details of a map, added to `value`. How many there are is hard to foresee,
+    // so four are taken always, and the others, of which there are few, if need be.
+    V add_to(V value, unsigned map, const std::uint8_t* details, unsigned at) const {
+        std::uint64_t which = widened(load<std::uint32_t>(details)) | kSigns.first[at][map];
+        for (unsigned k = 0; k < 4; ++k) value = value + of[which >> 16 * k & 0xffff];
+        if (std::popcount(map) > 4) {
+            which = widened(load<std::uint32_t>(details + 4)) | kSigns.rest[at][map];
+            for (unsigned k = 0; k < 3; ++k) value = value + of[which >> 16 * k & 0xffff];
+        }
+        return value;
+    }
+
+    void set(unsigned index, const V& codeword) {
+        of[index] = codeword;
+        of[kCodewords + index] = V{} - codeword;
+    }
+
+    V of[3 * kCodewords] = {};
+};
+template <class V>
+struct Terms<V, false> {
+    void set(unsigned, const V&) {}
+};
+
 // The decoder's arithmetic: codewords in, colours out. V is Lanes, or counts.
 template <class V>
 struct Synthesis {
     Codewords<V> average, detail;
+    Terms<V> terms;
 
-    // Adds one voxel's share of every detail: in integers the order does not matter.
-    V apply(const V& from, unsigned map, const std::uint8_t* details, unsigned z, unsigned y,
-            unsigned x) const {
+    // One value of a node, `at` being 4z + 2y + x.
+    V value(const V& from, unsigned map, const std::uint8_t* details, unsigned at) const {
         if constexpr (std::is_integral_v<typename V::Scalar>) {
-            const unsigned at = 4 * x + 2 * y + z;  // as the letters of j lie
-            V value = from;
-            for_each_detail(map, details, [&](unsigned j, std::uint8_t index) {
-                value = value.plus(detail[index], (std::popcount(at & j) & 1) != 0);
-            });
-            return value;
+            return terms.add_to(from, map & 0x7f, details, at);
         } else {
             V values[8];
-            apply(from, map, details, Part::one(z), Part::one(y), Part::one(x), values);
-            return values[4 * z + 2 * y + x];
+            apply(from, map, details, Part::one(at / 4), Part::one(at / 2 % 2), Part::one(at % 2),
+                  values);
+            return values[at];
         }
     }
 
@@ -120,17 +171,24 @@ struct Synthesis {
         haar_inverse(node, z, y, x, values);
     }
 
+    // The average of level-1 node `node`, 4z + 2y + x.
+    V node_average(const CellView& cell, unsigned node) const {
+        return value(average[cell.average], cell.maps()[0] & (0u - cell.level0), cell.details,
+                     node);
+    }
+
+    // Voxel `half` (4z + 2y + x) of a level-1 node that is not null, from its average.
+    V node_voxel(const V& from, const CellView& cell, unsigned node, unsigned half) const {
+        const unsigned before = cell.maps_before(node);
+        return value(from, cell.maps()[before], cell.details + cell.details_in(before), half);
+    }
+
     // Voxel mode: one voxel (z, y, x) of a cell.
     V voxel(const CellView& cell, unsigned z, unsigned y, unsigned x) const {
-        V value = average[cell.average];
-        if (cell.level0 != 0) {
-            value = apply(value, cell.maps()[0], cell.details, z / 2, y / 2, x / 2);
-        }
         const unsigned node = 4 * (z / 2) + 2 * (y / 2) + x / 2;
-        if (!cell.has(node)) return value;
-        const unsigned before = cell.maps_before(node);
-        return apply(value, cell.maps()[before], cell.details + cell.details_in(before), z % 2,
-                     y % 2, x % 2);
+        const V parent = node_average(cell, node);
+        return cell.has(node) ? node_voxel(parent, cell, node, 4 * (z % 2) + 2 * (y % 2) + x % 2)
+                              : parent;
     }
 
     // The averages of the wanted nodes, one per 2^3 voxels.
@@ -142,32 +200,43 @@ struct Synthesis {
         }
     }
 
-    // Calls f(z, y, x, value) for every voxel of the nodes and, in them, of the halves wanted.
-    template <class F>
+    // Calls f(z, y, x, sample(value)) for every voxel of the nodes and, in them, of the halves
+    // wanted. A null node, of one value, has one sample.
+    template <class S, class F>
     void each_voxel(const CellView& cell, const Part (&nodes)[3], const Part (&halves)[3],
-                    const F& f) const {
-        V parents[8], values[8];
+                    const S& sample, const F& f) const {
+        V parents[8];
         averages(cell, nodes[0], nodes[1], nodes[2], parents);
-        const auto [hz, hy, hx] = halves;
         for (unsigned z = nodes[0].begin; z < nodes[0].end; ++z) {
             for (unsigned y = nodes[1].begin; y < nodes[1].end; ++y) {
                 for (unsigned x = nodes[2].begin; x < nodes[2].end; ++x) {
                     const unsigned node = 4 * z + 2 * y + x;
                     if (cell.has(node)) {
+                        V values[8];
                         const unsigned before = cell.maps_before(node);
                         apply(parents[node], cell.maps()[before],
-                              cell.details + cell.details_in(before), hz, hy, hx, values);
+                              cell.details + cell.details_in(before), halves[0], halves[1],
+                              halves[2], values);
+                        each_half(halves, [&](unsigned iz, unsigned iy, unsigned ix) {
+                            f(2 * z + iz, 2 * y + iy, 2 * x + ix,
+                              sample(values[4 * iz + 2 * iy + ix]));
+                        });
                     } else {
-                        std::fill(values, values + 8, parents[node]);
-                    }
-                    for (unsigned iz = hz.begin; iz < hz.end; ++iz) {
-                        for (unsigned iy = hy.begin; iy < hy.end; ++iy) {
-                            for (unsigned ix = hx.begin; ix < hx.end; ++ix) {
-                                f(2 * z + iz, 2 * y + iy, 2 * x + ix, values[4 * iz + 2 * iy + ix]);
-                            }
-                        }
+                        const auto same = sample(parents[node]);
+                        each_half(halves, [&](unsigned iz, unsigned iy, unsigned ix) {
+                            f(2 * z + iz, 2 * y + iy, 2 * x + ix, same);
+                        });
                     }
                 }
+            }
+        }
+    }
+
+    template <class F>
+    static void each_half(const Part (&halves)[3], const F& f) {
+        for (unsigned z = halves[0].begin; z < halves[0].end; ++z) {
+            for (unsigned y = halves[1].begin; y < halves[1].end; ++y) {
+                for (unsigned x = halves[2].begin; x < halves[2].end; ++x) f(z, y, x);
             }
         }
     }

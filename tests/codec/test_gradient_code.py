@@ -51,34 +51,6 @@ def test_directions_on_region_borders_are_within_the_bound() -> None:
     assert angular_error(beside, round_trip(beside)).max() <= WORST_DEGREES
 
 
-def largest_hole(percent: int) -> tuple[float, float]:
-    """The greatest angle, in degrees, that a search finds, and a bound on that to any code.
-
-    Distance to a set grows by no more than one moves. So in a cell of radius r around a point that
-    is d away from some code nothing is further than d + r from all codes; cells where that is
-    above the greatest distance found are quartered. One region stands for all 48.
-    """
-    half = 1 / 40  # cells of 2 · half on the face of the cube, seen from its centre at distance 1
-    middle = np.arange(half, 1, 2 * half)
-    cells = np.stack([g.ravel() for g in np.meshgrid(middle, middle, indexing="ij")], -1)
-    hole = 0.0
-    while True:
-        cells = cells[cells[:, 1] - half <= cells[:, 0] + half]
-        distance = np.full(len(cells), np.inf)
-        points = np.column_stack([np.ones(len(cells)), cells])
-        ratios = inverse_ratios(cells, percent)
-        for a in reference.STEPS:
-            distance = np.minimum(distance, angular_error(points, nearest(ratios, a, percent)))
-        inside = (cells[:, 1] <= cells[:, 0]) & (cells.max(axis=1) <= 1)
-        hole = max(hole, float(distance[inside].max(initial=0)))
-        reach = np.degrees(half * np.sqrt(2))
-        if half < 6e-7 or not len(cells):
-            return hole, float((distance + reach).max(initial=hole))
-        cells, half = cells[distance + reach > hole], half / 2
-        corners = half * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-        cells = (cells[:, np.newaxis] + corners).reshape(-1, 2)
-
-
 def test_around_the_largest_hole_the_bound_is_met_and_nearly_reached() -> None:
     rng = np.random.default_rng(12)
     p, q = rng.uniform(0.49, 0.51, 300_000), rng.uniform(0, 1e-3, 300_000)
@@ -87,21 +59,9 @@ def test_around_the_largest_hole_the_bound_is_met_and_nearly_reached() -> None:
     assert 0.170 < worst <= WORST_DEGREES
 
 
-def inverse_ratios(cells: Vectors, percent: int) -> Vectors:
-    """What the transform takes to the points of cells, each moved into the region."""
-    inside = np.sort(np.clip(cells, 0, 1), axis=1)[:, ::-1]
-    return inside if percent == 0 else np.stack(reference.invert(*inside.T), axis=-1)
-
-
-def nearest(ratios: Vectors, a: np.float32, percent: int) -> Vectors:
-    """The directions of the codes of magnitude `a` that the search would try."""
-    odd = np.clip(2 * np.floor(ratios * (a / 2)) + 1, 1, a).astype(np.float32)
-    return np.stack(reference.transform(np.full(len(odd), a), *odd.T, percent), axis=-1)
-
-
 @pytest.mark.parametrize(("percent", "expected"), [(61, 0.17303), (0, 0.31776)])
 def test_largest_hole_is_that_of_the_papers_table_1(percent: int, expected: float) -> None:
-    least, most = largest_hole(percent)
+    least, most = reference.largest_hole(percent)
     assert least == pytest.approx(expected, abs=4e-5)
     assert most == pytest.approx(expected, abs=4e-5)
     assert most - least < 4e-5

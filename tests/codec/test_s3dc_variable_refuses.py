@@ -55,8 +55,12 @@ def test_the_size_of_a_variable_code_is_not_known_beforehand() -> None:
         S3dc(max_error=1).encoded_nbytes((8, 8, 8), "uint8")
 
 
-@pytest.mark.parametrize("codec", [S3dc(max_error=1), S3dc(bits=2, scale="trained"),
-                                   S3dc(bits=2, fitted=True), S3dc(bits_per_voxel=4)], ids=str)  # fmt: skip
+@pytest.mark.parametrize(
+    "codec",
+    [S3dc(max_error=1), S3dc(bits=2, scale="trained"), S3dc(bits=2, fitted=True),
+     S3dc(bits_per_voxel=4)],
+    ids=str,
+)  # fmt: skip
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_the_first_voxel_that_is_not_finite_is_named_by_every_form(
     noise: Any, codec: S3dc, value: float

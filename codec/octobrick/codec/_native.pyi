@@ -178,6 +178,36 @@ class SlopeFinder:
     def add(self, array: object, prediction: object | None, threads: int = 0) -> Outcome: ...
     def slope(self, bits_per_voxel: float) -> float: ...
 
+class Sampling(enum.Enum):
+    """How a point is sampled; see s3dc_sampler.h."""
+
+    NEAREST = 0
+
+    TRILINEAR = 1
+
+    TRILINEAR_SHARED = 2
+
+class S3dcSampler:
+    """Samples a code; see octobrick/codec/s3dc_sampler.h."""
+
+    def __init__(
+        self,
+        code: object,
+        shape: tuple[int, int, int],
+        sample_type: int,
+        block: tuple[int, int, int],
+        bits: int,
+        simd: bool = True,
+    ) -> None: ...
+    @property
+    def outcome(self) -> Outcome: ...
+    def sample(self, how: Sampling, points: object, out: object) -> None: ...
+    def gradient(
+        self, how: Sampling, points: object, spacing_zyx: tuple[float, float, float], out: object
+    ) -> None: ...
+    def count_fetches(self, how: Sampling, points: object) -> tuple[int, int]:
+        """Pairs of end points, and words of indices."""
+
 class ZerobitStatus(enum.Enum):
     """How a call ended; see octobrick/codec/zerobit.h."""
 
@@ -272,6 +302,12 @@ class ZerobitReader:
     def check(self, threads: int = 0) -> ZerobitOutcome: ...
     def level(self, level: int, out: object, threads: int = 0) -> ZerobitOutcome: ...
     def voxel(self, at: tuple[int, int, int], out: object) -> ZerobitOutcome: ...
+    def voxels(self, at: object, out: object) -> ZerobitOutcome:
+        """Of many positions, uint64 (n, 3)."""
+
+    def cells(self, at: object, out: object) -> ZerobitOutcome:
+        """Of many cells, uint64 (n, 3)."""
+
     def plane(
         self, cell: tuple[int, int, int], axis: int, offset: int, out: object
     ) -> ZerobitOutcome: ...

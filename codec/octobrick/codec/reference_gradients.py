@@ -206,3 +206,50 @@ def _distance(p: Floats, q: Floats, s: Floats, m: Floats, w: Floats) -> Floats:
     x, y, z = p * w - q * m, q * s - w, m - p * s
     distance: Floats = (x * x + y * y + z * z) / (s * s + m * m + w * w)
     return (distance.view(np.int32) & ~127).view(np.float32)  # as precise as the search asks
+
+
+def largest_hole(percent: int = BLEND_PERCENT) -> tuple[float, float]:
+    """The greatest angle, in degrees, that a search finds, and a bound on that to any code.
+
+    Distance to a set grows by no more than one moves. So in a cell of radius r around a point that
+    is d away from some code nothing is further than d + r from all codes; cells where that is
+    above the greatest distance found are quartered. One region stands for all 48.
+    """
+    half = 1 / 40  # cells of 2 · half on the face of the cube, seen from its centre at distance 1
+    middle = np.arange(half, 1, 2 * half)
+    cells = np.stack([g.ravel() for g in np.meshgrid(middle, middle, indexing="ij")], -1)
+    hole = 0.0
+    while True:
+        cells = cells[cells[:, 1] - half <= cells[:, 0] + half]
+        distance = np.full(len(cells), np.inf)
+        points = np.column_stack([np.ones(len(cells)), cells])
+        ratios = _inverse_ratios(cells, percent)
+        for a in STEPS:
+            distance = np.minimum(distance, _angle(points, _tried(ratios, a, percent)))
+        inside = (cells[:, 1] <= cells[:, 0]) & (cells.max(axis=1) <= 1)
+        hole = max(hole, float(distance[inside].max(initial=0)))
+        reach = np.degrees(half * np.sqrt(2))
+        if half < 6e-7 or not len(cells):
+            return hole, float((distance + reach).max(initial=hole))
+        cells, half = cells[distance + reach > hole], half / 2
+        corners = half * np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
+        cells = (cells[:, np.newaxis] + corners).reshape(-1, 2)
+
+
+def _inverse_ratios(cells: Doubles, percent: int) -> Doubles:
+    """What the transform takes to the points of cells, each moved into the region."""
+    inside: Doubles = np.sort(np.clip(cells, 0, 1), axis=1)[:, ::-1]
+    return inside if percent == 0 else np.stack(invert(*inside.T), axis=-1)
+
+
+def _tried(ratios: Doubles, a: np.float32, percent: int) -> Doubles:
+    """The directions of the codes of magnitude `a` that the search would try."""
+    b, c = np.clip(2 * np.floor(ratios.T * (a / 2)) + 1, 1, a).astype(np.float32)
+    return np.stack(transform(np.full(len(b), a), b, c, percent), axis=-1).astype(np.float64)
+
+
+def _angle(a: Doubles, b: Doubles) -> Doubles:
+    """In degrees, exact for small ones too."""
+    across, along = np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(axis=-1)
+    angle: Doubles = np.degrees(np.arctan2(across, along))
+    return angle

@@ -83,4 +83,3 @@ def _corrupt(outcome: _native.Outcome) -> CorruptBrickError:
         _Status.BAD_SCALES: f"positions of a scale are out of order, or {place} names none",
     }[outcome.status]
     return CorruptBrickError(f"{what}: {again}", block_zyx=list(outcome.at))
-

@@ -56,7 +56,8 @@ struct S3dcFetches {
 class S3dcSampler {
   public:
     // Checks all that `decode` checks, and fails as it does, or with too_large where an axis has
-    // more than INT32_MAX voxels, or bad_scales where the codec has trained ones; `sampler` is then left as it was. `simd` as in Execution.
+    // more than INT32_MAX voxels, or bad_scales where the codec has trained ones; `sampler` is then
+    // left as it was. `simd` as in Execution.
     static Outcome open(const S3dc& codec, SampleType type, Zyx shape,
                         std::span<const std::byte> code, std::unique_ptr<S3dcSampler>& sampler,
                         bool simd = true);
