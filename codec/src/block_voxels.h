@@ -25,11 +25,12 @@ struct BlockVoxels {
         : values(most), differences(most), prediction(most), normalised(most) {}
 
     // Steps: gathers voxels, and with a prediction their differences.
-    void gather(const SlabRows<T, ConstVolume>& rows, std::size_t x, Zyx extent_of_block) {
+    OCTOBRICK_INLINE void gather(const SlabRows<T, ConstVolume>& rows, std::size_t x,
+                                 Zyx extent_of_block) {
         extent = extent_of_block;
         n = copy_rows(rows, x, values.data());
     }
-    void gather_prediction(const SlabRows<T, ConstVolume>& rows, std::size_t x) {
+    OCTOBRICK_INLINE void gather_prediction(const SlabRows<T, ConstVolume>& rows, std::size_t x) {
         copy_rows(rows, x, prediction.data());
         for (std::size_t i = 0; i < n; ++i) {
             if constexpr (std::is_floating_point_v<T>) {
@@ -52,7 +53,8 @@ struct BlockVoxels {
     Array<float> normalised;  // see Range::normalise
 
   private:
-    std::size_t copy_rows(const SlabRows<T, ConstVolume>& rows, std::size_t x, Work<T>* to) const {
+    OCTOBRICK_INLINE std::size_t copy_rows(const SlabRows<T, ConstVolume>& rows, std::size_t x,
+                                           Work<T>* to) const {
         Work<T>* at = to;
         for (std::size_t z = 0; z < extent.z; ++z) {
             for (std::size_t y = 0; y < extent.y; ++y) {

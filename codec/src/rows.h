@@ -131,6 +131,16 @@ class SlabRows {
                          : copied_row(z, y);
     }
 
+    // Samples from one row to the next, and from the last of a z to the first of the next.
+    std::ptrdiff_t y_stride() const {
+        return in_place_ ? v_.strides.y / static_cast<std::ptrdiff_t>(sizeof(T))
+                         : static_cast<std::ptrdiff_t>(v_.shape.x);
+    }
+    std::ptrdiff_t z_stride() const {
+        return in_place_ ? v_.strides.z / static_cast<std::ptrdiff_t>(sizeof(T))
+                         : static_cast<std::ptrdiff_t>((end_.y - begin_.y) * v_.shape.x);
+    }
+
     // Ends the writing of the open rows.
     void commit() {
         each_copied([](const T& from, std::byte* to) { std::memcpy(to, &from, sizeof(T)); });

@@ -30,7 +30,10 @@ struct DecodeScratch {
         : out(job.voxels, job.layout.block),
           prediction(job.prediction != nullptr ? *job.prediction : ConstVolume{},
                      job.prediction != nullptr ? job.layout.block : Zyx{}),
-          block(whole_chunks(job.layout)) {}
+          block(whole_chunks(job.layout)),
+          expected(job.prediction != nullptr ? block_voxels(job.layout.block) : 0) {}
+
+    static std::size_t block_voxels(Zyx block) { return block.z * block.y * block.x; }
 
     static std::size_t whole_chunks(const VariableLayout& layout) {
         const std::size_t indices = layout.unit_nbytes * 8;
@@ -40,6 +43,7 @@ struct DecodeScratch {
     SlabRows<T, Volume> out;
     SlabRows<T, ConstVolume> prediction;
     Array<Unsigned<T>> block;  // one block's voxels, or differences, as if it were not cut
+    Array<T> expected;         // its prediction, and then the voxels
 };
 
 // Step 1: the indices of a block to values, 64 at a time.
@@ -136,40 +140,57 @@ OCTOBRICK_INLINE void read_block(const std::uint8_t* from, unsigned width, std::
     }
 }
 
-// Step 2: values to voxels. A row of a block has few voxels: the usual numbers are copied as one
-// piece, where a call of memcpy would cost more than all else.
-template <class T>
-OCTOBRICK_INLINE void copy_row(const T* from, std::size_t n, T* to) {
-    switch (n) {
-        case 4: std::memcpy(to, from, 4 * sizeof(T)); break;
-        case 8: std::memcpy(to, from, 8 * sizeof(T)); break;
-        case 16: std::memcpy(to, from, 16 * sizeof(T)); break;
-        default: std::copy_n(from, n, to);
+// Step 2: differences to voxels. The prediction is gathered as the block lies, so that one long
+// loop does the work. Step 3: voxels to their rows.
+//
+// A row of a block has few voxels: with their usual numbers as constants it is copied by one
+// instruction, where a loop would cost more than all else. X = 0 is any number.
+template <std::size_t X, class Sample, class Copy>
+OCTOBRICK_INLINE void for_each_row(Zyx block, Zyx extent, Sample* rows, std::ptrdiff_t z_stride,
+                                   std::ptrdiff_t y_stride, const Copy& copy) {
+    for (std::size_t z = 0; z < extent.z; ++z) {
+        for (std::size_t y = 0; y < extent.y; ++y) {
+            copy(rows + static_cast<std::ptrdiff_t>(z) * z_stride +
+                     static_cast<std::ptrdiff_t>(y) * y_stride,
+                 (z * block.y + y) * block.x, X > 0 ? X : extent.x);
+        }
     }
 }
 
-template <class T>
-OCTOBRICK_INLINE void add_row(const Difference<T>* from, const T* prediction, std::size_t n,
-                              T* to) {
-    for (std::size_t x = 0; x < n; ++x) to[x] = predicted_plus(prediction[x], from[x]);
+template <std::size_t X, class T>
+OCTOBRICK_INLINE void place_block(const DecodeJob& job, const DecodeScratch<T>& scratch,
+                                  bool predicted, std::size_t x, Zyx extent) {
+    const Zyx block = job.layout.block;
+    T* voxels = reinterpret_cast<T*>(scratch.block.data());
+    if (predicted) {
+        T* expected = scratch.expected.data();
+        for_each_row<X>(block, extent, scratch.prediction.row(0, 0) + x,
+                        scratch.prediction.z_stride(), scratch.prediction.y_stride(),
+                        [&](const T* row, std::size_t at, std::size_t n) OCTOBRICK_INLINE_LAMBDA {
+                            std::memcpy(expected + at, row, n * sizeof(T));
+                        });
+        const auto* difference = reinterpret_cast<const Difference<T>*>(voxels);
+        const std::size_t count = scratch.block_voxels(block);
+        for (std::size_t i = 0; i < count; ++i) {
+            expected[i] = predicted_plus(expected[i], difference[i]);
+        }
+        voxels = expected;
+    }
+    for_each_row<X>(block, extent, scratch.out.row(0, 0) + x, scratch.out.z_stride(),
+                    scratch.out.y_stride(),
+                    [&](T* row, std::size_t at, std::size_t n)
+                        OCTOBRICK_INLINE_LAMBDA { std::memcpy(row, voxels + at, n * sizeof(T)); });
 }
 
 template <class T>
-OCTOBRICK_INLINE void place_block(const DecodeJob& job, DecodeScratch<T>& scratch, bool predicted,
-                                  Zyx at, Zyx extent) {
-    const Zyx block = job.layout.block;
-    const std::size_t x = at.x * block.x;
-    for (std::size_t z = 0; z < extent.z; ++z) {
-        for (std::size_t y = 0; y < extent.y; ++y) {
-            const Unsigned<T>* from = scratch.block.data() + (z * block.y + y) * block.x;
-            T* to = scratch.out.row(z, y) + x;
-            if (predicted) {
-                add_row(reinterpret_cast<const Difference<T>*>(from),
-                        scratch.prediction.row(z, y) + x, extent.x, to);
-            } else {
-                copy_row(reinterpret_cast<const T*>(from), extent.x, to);
-            }
-        }
+OCTOBRICK_INLINE void place_block(const DecodeJob& job, const DecodeScratch<T>& scratch,
+                                  bool predicted, Zyx at, Zyx extent) {
+    const std::size_t x = at.x * job.layout.block.x;
+    switch (extent.x) {
+        case 4: return place_block<4>(job, scratch, predicted, x, extent);
+        case 8: return place_block<8>(job, scratch, predicted, x, extent);
+        case 16: return place_block<16>(job, scratch, predicted, x, extent);
+        default: return place_block<0>(job, scratch, predicted, x, extent);
     }
 }
 
@@ -235,7 +256,7 @@ void run_decode(const DecodeJob& job, Execution execution) {
     const std::size_t slabs = job.layout.grid.z * job.layout.grid.y;
     const unsigned threads =
         choose_threads(execution.threads, shape.z * shape.y * shape.x * sizeof(T), slabs);
-    const auto run = fastest<decode_slab<T>>(execution);
+    const auto run = fastest<decode_slab<T>, std::is_floating_point_v<T>>(execution);
     std::vector<DecodeScratch<T>> scratch;
     scratch.reserve(threads);
     for (unsigned i = 0; i < threads; ++i) scratch.emplace_back(job);

@@ -36,15 +36,16 @@ OCTOBRICK_INLINE void for_each_block(const EncodeJob& job, EncodeScratch<T>& scr
 template <class T>
 OCTOBRICK_INLINE void examine_slab(const EncodeJob& job, EncodeScratch<T>& scratch,
                                    std::size_t slab) {
-    for_each_block(job, scratch, slab,
-                   [&](std::size_t block) { examine_block(job, scratch, block); });
+    for_each_block(job, scratch, slab, [&](std::size_t block) OCTOBRICK_INLINE_LAMBDA {
+        examine_block(job, scratch, block);
+    });
 }
 
 template <class T>
 OCTOBRICK_INLINE void write_slab(const EncodeJob& job, EncodeScratch<T>& scratch,
                                  std::size_t slab) {
     const Tables tables(job.layout, job.code, job.voxels.type);
-    for_each_block(job, scratch, slab, [&](std::size_t block) {
+    for_each_block(job, scratch, slab, [&](std::size_t block) OCTOBRICK_INLINE_LAMBDA {
         write_block(job, scratch, block, job.code + (tables.payload(block) - job.code));
     });
 }
@@ -73,7 +74,7 @@ void examine(const EncodeJob& job, Execution execution) {
     const bool by_curve = kind == Kind::budget || kind == Kind::slope;
     if (by_curve) job.choices.curves.resize(job.layout.blocks);
     with_sample_type(job.voxels.type, [&]<class T>(T) {
-        for_each_slab<T>(job, execution, fastest<examine_slab<T>>(execution));
+        for_each_slab<T>(job, execution, fastest<examine_slab<T>, true>(execution));
     });
 }
 

@@ -29,6 +29,7 @@
 
 // Bodies must be inlined into what calls them, or they would be compiled for the baseline.
 #define OCTOBRICK_INLINE [[gnu::always_inline]] inline
+#define OCTOBRICK_INLINE_LAMBDA __attribute__((always_inline))  // behind the parameters of one
 
 #if defined(__x86_64__)
 #define OCTOBRICK_AVX2_TARGET [[gnu::target("avx2")]]

@@ -70,7 +70,7 @@ OCTOBRICK_INLINE Ends<T> ends_for(BlockVoxels<T>& block, bool as_difference, uns
     if (range.constant() || width == kRaw)
         return {range.end_point(0), range.end_point(range.reach())};
     const Levels levels =
-        find_block_levels<T>(block, as_difference, range, width, fitted && width <= 8);
+        find_block_levels<T>(block, as_difference, range, width, fitted && width <= kMostFitted);
     return {range.end_point(levels.first), range.end_point(levels.last)};
 }
 
@@ -144,11 +144,21 @@ OCTOBRICK_INLINE void add_curve(const EncodeJob& job, EncodeScratch<T>& scratch,
     range.normalise(block.coded(as_difference), block.n, block.normalised.data());
     const double sum = sum_of(block.normalised.data(), block.n);
     const double unit = range.unit() * range.unit();
+    double fine = 0;  // the squared error at kMostFitted
     for (unsigned width = 0; width <= most_width(job.voxels.type); ++width) {
-        const Levels levels =
-            find_levels<kInteger>(block.normalised.data(), block.n, sum, range.reach(), width,
-                                  job.codec.fitted && width <= 8);
-        const double squares = levels.squares * unit;
+        double squares = 0;
+        const float levels = static_cast<float>((1u << width) - 1);
+        if (kInteger && levels >= range.reach()) {
+            // exact
+        } else if (width > kMostFitted && 2 * levels <= range.reach()) {
+            squares = fine_squares<kInteger>(fine, kMostFitted, width, range.reach());
+        } else {
+            squares =
+                unit * find_levels<kInteger>(block.normalised.data(), block.n, sum, range.reach(),
+                                             width, job.codec.fitted && width <= kMostFitted)
+                           .squares;
+            if (width == kMostFitted) fine = squares;
+        }
         if (squares < curve.squares[width]) {
             curve.squares[width] = squares;
             curve.predicted = static_cast<std::uint16_t>((curve.predicted & ~(1u << width)) |
