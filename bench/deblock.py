@@ -39,8 +39,8 @@ WAYS: dict[str, dict[str, Any]] = {
 }
 UNLIMITED = ("unlimited", "sequential")
 SWEPT = ("unlimited", "auto")  # at all strengths
-DEFAULT = "auto"
-CELL, UNIT_BLOCK = 4, 16  # of zerobit, voxels
+DEFAULTS = {"S3Dc": "auto", "zerobit": "ramp"}  # what deblock.deblocked takes
+CELL = 4  # of zerobit, voxels
 WHOLE = 10**9  # a crop that no volume reaches
 
 
@@ -73,17 +73,9 @@ def decoded(voxels: NDArray[Any], quick: bool) -> Iterator[Decoded]:
     for ratio in RATIOS:
         zerobit = Zerobit(ratio)
         code = zerobit.encode(voxels)
-        bounds = zerobit_bounds(zerobit, code, voxels.shape)
+        bounds = deblock.zerobit_bounds(zerobit, code)
         back = zerobit.decode(code, voxels.shape, voxels.dtype)
         yield Decoded(f"zerobit {ratio:.0%}", CELL, back, bounds)
-
-
-def zerobit_bounds(codec: Zerobit, code: bytes, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Twice the threshold of its unit block, for every cell."""
-    bounds = 2 * codec.block_thresholds(code)
-    for axis, n in enumerate(shape):
-        bounds = np.repeat(bounds, UNIT_BLOCK // CELL, axis).take(range(-(-n // CELL)), axis)
-    return bounds
 
 
 def seam_energy(volume: NDArray[Any], block: int) -> float:
@@ -185,8 +177,8 @@ def table(result: dict[str, Any]) -> str:
     worse = sorted(
         (row for row in rows if default_gain(row) < 0), key=lambda row: float(default_gain(row))
     )
-    shown = (DEFAULT, "ramp")  # the ramp is for zerobit: see docs/spec/deblocking.md
-    worse_head = [f"{DEFAULT} lowers PSNR", "code", "block", "dB", "seam", "original", *shown]
+    shown = tuple(DEFAULTS.values())
+    worse_head = ["the default lowers PSNR", "code", "block", "dB", "seam", "original", *shown]
     return "\n\n".join(
         [
             _measure.layout(head, lines),
@@ -200,7 +192,8 @@ def table(result: dict[str, Any]) -> str:
 
 
 def default_gain(row: dict[str, Any]) -> float:
-    gain: float = filtered(row, DEFAULT, DEFAULT_STRENGTH)["gain_db"]
+    way = DEFAULTS[row["code"].partition(" ")[0]]
+    gain: float = filtered(row, way, DEFAULT_STRENGTH)["gain_db"]
     return gain
 
 

@@ -53,7 +53,7 @@ void sample_everywhere(const S3dcSampler& sampler, const S3dcSampler& scalar,
         const float* p = xyz + 3 * k;
         const bool is_nan = p[0] != p[0] || p[1] != p[1] || p[2] != p[2];
         for (int way = 0; way < 4; ++way) {
-            require(is_nan ? found[way][k] != found[way][k] : found[way][k] == found[0][k]);
+            REQUIRE(is_nan ? found[way][k] != found[way][k] : found[way][k] == found[0][k]);
         }
     }
     float nearest[4], gradient[12];
@@ -106,7 +106,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         return 0;
     }
 
-    sample_everywhere(*sampler, *scalar_sampler, bytes, shape);
+    sample_everywhere(*sampler, *scalar_sampler, code.span(), shape);
 
     // What was accepted is finite, so it can be encoded again.
     const Block again(layout.nbytes);

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from octobrick.codec import S3dc, deblock, metrics
+from octobrick.codec import S3dc, Zerobit, deblock, metrics
 from octobrick.codec import reference_deblock as reference
 from octobrick.codec.errors import (
     CorruptBrickError,
@@ -273,6 +273,43 @@ def test_bounds_of_bounded_and_scaled_codes_hold_for_every_voxel(
         assert (off <= bounds + rounding).all()
         if codec.max_error is not None:
             assert bounds.max() <= codec.max_error
+
+
+@pytest.mark.parametrize(
+    "codec", [S3dc((4, 4, 4), 2), S3dc(bits_per_voxel=1), Zerobit(0.02)], ids=str
+)
+def test_a_smooth_volume_gains_by_the_default_of_its_codec(codec: S3dc | Zerobit) -> None:
+    waves = np.sin(np.indices((24, 25, 26)).sum(0) / 5) * 90 + 120
+    voxels = (waves + np.random.default_rng(1).normal(0, 1, waves.shape)).astype(np.uint8)
+    code = codec.encode(voxels)
+    decoded = codec.decode(code, voxels.shape, voxels.dtype)
+    filtered = deblock.deblocked(codec, code, voxels.shape, voxels.dtype)
+    original = voxels.astype(np.float32)
+    before = metrics.psnr(original, decoded.astype(np.float32))
+    assert metrics.psnr(original, filtered) > before + 0.3
+
+
+def test_the_defaults_are_those_of_the_specification() -> None:
+    voxels = np.random.default_rng(3).integers(0, 200, (17, 18, 19)).astype(np.uint8)
+    zerobit, s3dc = Zerobit(0.05), S3dc((4, 4, 8), 3)
+    code = zerobit.encode(voxels)
+    bounds = deblock.zerobit_bounds(zerobit, code)
+    assert bounds.shape == (5, 5, 5)
+    assert bounds[4, 0, 3] == 2 * zerobit.block_thresholds(code)[1, 0, 0]
+    decoded = zerobit.decode(code, voxels.shape, voxels.dtype)
+    np.testing.assert_array_equal(
+        deblock.deblocked(zerobit, code, voxels.shape, voxels.dtype),
+        deblock.rational_bezier(decoded, (4, 4, 4), 4, bounds, limit="ramp"),
+    )
+    code = s3dc.encode(voxels)
+    decoded = s3dc.decode(code, voxels.shape, voxels.dtype)
+    bounds = deblock.s3dc_bounds(s3dc, code, voxels.shape, voxels.dtype)
+    np.testing.assert_array_equal(
+        deblock.deblocked(s3dc, code, voxels.shape, voxels.dtype),
+        deblock.rational_bezier(decoded, s3dc.block, 4, bounds),
+    )
+    with pytest.raises(InvalidInputError, match="colours"):
+        deblock.deblocked(zerobit, code, (4, 4, 4, 3), "uint8")
 
 
 def test_blocks_of_one_value_among_others_have_the_bounds_of_those() -> None:

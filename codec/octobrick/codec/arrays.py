@@ -17,6 +17,8 @@ Voxels = NDArray[Any]
 SAMPLE_DTYPES = tuple(np.dtype(t) for t in ("uint8", "int8", "uint16", "int16", "float32"))
 """The sample types of the codec, in native byte order."""
 
+HALF = np.dtype(np.float16)
+
 _MAX_EXTENT = 2**62
 """Above any array that can exist, and small enough to reach the native code as an integer."""
 
@@ -38,6 +40,30 @@ def require_dtype(dtype: DTypeLike) -> np.dtype[Any]:
             dtype=str(native),
         )
     return native
+
+
+def coded_dtype(dtype: DTypeLike) -> np.dtype[Any]:
+    """The sample type that S3Dc codes for this one: float16, which float32 holds exactly, as that.
+
+    Raises:
+        UnsupportedError: it is neither float16 nor one of `SAMPLE_DTYPES`.
+    """
+    native = np.dtype(dtype).newbyteorder("=")
+    return np.dtype(np.float32) if native == HALF else require_dtype(native)
+
+
+def widened(array: Voxels) -> Voxels:
+    """An array of float16 as float32; any other as it is."""
+    array = np.asarray(array)
+    return array.astype(np.float32) if array.dtype.newbyteorder("=") == HALF else array
+
+
+def narrowed(array: Voxels, dtype: DTypeLike) -> Voxels:
+    """The mirror of `widened`: rounded to float16, within its range, where that is the type."""
+    if np.dtype(dtype).newbyteorder("=") != HALF:
+        return array
+    most = np.float32(np.finfo(HALF).max)
+    return np.clip(array, -most, most).astype(HALF)
 
 
 def require_extents(values: Iterable[int], what: str) -> Zyx:

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from octobrick.codec import _native
 from octobrick.codec.arrays import (
@@ -26,11 +26,18 @@ from octobrick.codec.arrays import (
     require_extents,
     require_threads,
     require_volume,
+    widened,
 )
 from octobrick.codec.errors import InvalidInputError
+from octobrick.codec.s3dc import S3dc
 from octobrick.codec.s3dc_bounds import s3dc_bounds
+from octobrick.codec.zerobit import Zerobit
+from octobrick.codec.zerobit_bounds import CELL, zerobit_bounds
 
-__all__ = ["rational_bezier", "s3dc_bounds"]
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+__all__ = ["deblocked", "rational_bezier", "s3dc_bounds", "zerobit_bounds"]
 
 Limit = Literal["auto", "ramp", "clamp"]
 Axes = Literal["average", "sequential"]
@@ -69,7 +76,7 @@ def rational_bezier(
             which takes what is beyond the bound for a feature of the data; "auto", the best for
             S3Dc on all data tried, clamps where a block's range is at most 10 q (1 and 2 bits), and
             elsewhere takes c·max(0, 1 − |c|/q). For zerobit, whose q is twice the threshold of a
-            unit block, take "ramp": "auto" loses up to 1.3 dB there.
+            unit block, take "ramp", as `deblocked` does: "auto" loses up to 1.3 dB there.
         axes: "average", or "sequential": along x, then y, then z, each from the one before.
         value_range: what gradients are measured against; None is the greatest less the least
             voxel. Parts of one volume take the whole's, to be filtered alike.
@@ -83,7 +90,7 @@ def rational_bezier(
         NotFiniteError: a float32 voxel is NaN or infinite.
         UnsupportedError: another sample type.
     """
-    volume = contiguous(require_volume(volume).astype(np.float32, copy=False))
+    volume = contiguous(require_volume(widened(volume)).astype(np.float32, copy=False))
     block = require_extents(block, "block")
     _require_choices(limit, axes)
     strength, value_range = _require_parameters(strength, value_range)
@@ -103,6 +110,54 @@ def rational_bezier(
     if fault is not None:
         raise not_finite(volume, fault, "it cannot be filtered")
     return filtered
+
+
+def deblocked(
+    codec: S3dc | Zerobit,
+    data: Buffer,
+    shape: Iterable[int],
+    dtype: DTypeLike,
+    *,
+    strength: float = 4,
+    prediction: Voxels | None = None,
+    value_range: float | None = None,
+    threads: int | None = None,
+) -> NDArray[np.float32]:
+    """The voxels of a code with its seams smoothed, by the way that was best for such codes.
+
+    `rational_bezier` with the code's own blocks and bounds: of S3Dc by `limit="auto"`, of zerobit,
+    whose blocks are its cells, by "ramp".
+
+    Args:
+        codec: what made the code, of a scalar volume.
+        data: the code.
+        shape: (z, y, x) of the encoded array.
+        dtype: its sample type.
+        strength, value_range, threads: as in `rational_bezier`.
+        prediction: what S3Dc was given.
+
+    Raises:
+        CorruptBrickError, InvalidInputError, UnsupportedError: as the codec's `decode`.
+    """
+    shape = tuple(shape)
+    bounds: NDArray[np.float32]
+    limit: Limit
+    if isinstance(codec, Zerobit):
+        if prediction is not None or len(shape) != 3:
+            raise InvalidInputError(
+                f"zerobit codes have no prediction, and colours {shape} are not filtered; filter "
+                "each channel by itself with rational_bezier",
+                shape=list(shape),
+            )
+        voxels = codec.decode(data, shape, dtype, threads=threads)
+        block, bounds, limit = (CELL,) * 3, zerobit_bounds(codec, data), "ramp"
+    else:
+        voxels = codec.decode(data, shape, dtype, prediction=prediction, threads=threads)
+        bounds = s3dc_bounds(codec, data, shape, dtype, predicted=prediction is not None)
+        block, limit = codec.block, "auto"
+    return rational_bezier(
+        voxels, block, strength, bounds, limit=limit, value_range=value_range, threads=threads
+    )
 
 
 def _require_choices(limit: str, axes: str) -> None:

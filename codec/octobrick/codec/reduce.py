@@ -7,7 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from octobrick.codec import _native
-from octobrick.codec.arrays import Voxels, require_extents, require_volume
+from octobrick.codec.arrays import (
+    Voxels,
+    narrowed,
+    require_extents,
+    require_volume,
+    widened,
+)
 from octobrick.codec.errors import InvalidInputError
 
 
@@ -20,7 +26,8 @@ def mean2(array: Voxels) -> Voxels:
     from 4 MiB on it uses all processors, with the same result.
 
     Args:
-        array: (z, y, x), of uint8, int8, uint16, int16 or float32, with any strides.
+        array: (z, y, x), of uint8, int8, uint16, int16, float32 or float16 (worked as float32, then
+            rounded), with any strides.
 
     Returns:
         A new C-contiguous array of the same type, each axis halved and rounded up.
@@ -29,11 +36,11 @@ def mean2(array: Voxels) -> Voxels:
         InvalidInputError: not three axes, or an empty one.
         UnsupportedError: another sample type.
     """
-    array = require_volume(array)
+    given, array = np.asarray(array), require_volume(widened(array))
     coarse: Voxels = np.empty([-(-n // 2) for n in array.shape], array.dtype)
     reduced = _native.mean2_into(array, coarse)
     assert reduced, (array.shape, coarse.shape)
-    return coarse
+    return narrowed(coarse, given.dtype)
 
 
 def upsample2(coarse: Voxels, shape: Iterable[int]) -> Voxels:
@@ -46,7 +53,7 @@ def upsample2(coarse: Voxels, shape: Iterable[int]) -> Voxels:
     ±Inf spread. Thread-safe; from 4 MiB on it uses all processors, with the same result.
 
     Args:
-        coarse: (z, y, x), of uint8, int8, uint16, int16 or float32, with any strides.
+        coarse: (z, y, x), of the types that `mean2` takes, with any strides.
         shape: (z, y, x) of the result, whose half, rounded up, is the shape of `coarse`.
 
     Returns:
@@ -56,7 +63,8 @@ def upsample2(coarse: Voxels, shape: Iterable[int]) -> Voxels:
         InvalidInputError: not three axes, an empty one, or a shape that does not fit.
         UnsupportedError: another sample type.
     """
-    coarse, shape_zyx = require_volume(coarse), require_extents(shape, "shape")
+    given, shape_zyx = np.asarray(coarse), require_extents(shape, "shape")
+    coarse = require_volume(widened(given))
     if coarse.shape != tuple(-(-n // 2) for n in shape_zyx):
         raise InvalidInputError(
             f"a volume of {coarse.shape} voxels is not half of {shape_zyx}, rounded up; give the "
@@ -67,4 +75,4 @@ def upsample2(coarse: Voxels, shape: Iterable[int]) -> Voxels:
     fine: Voxels = np.empty(shape_zyx, coarse.dtype)
     upsampled = _native.upsample2_into(coarse, fine)
     assert upsampled, (coarse.shape, fine.shape)
-    return fine
+    return narrowed(fine, given.dtype)

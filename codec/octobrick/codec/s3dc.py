@@ -17,18 +17,27 @@ from numpy.typing import DTypeLike, NDArray
 
 from octobrick.codec import _native, metrics
 from octobrick.codec.arrays import (
+    HALF,
     SAMPLE_DTYPES,
     Voxels,
     Zyx,
-    require_dtype,
+    coded_dtype,
+    narrowed,
     require_extents,
     require_threads,
     require_volume,
+    widened,
 )
 from octobrick.codec.errors import InvalidInputError
 from octobrick.codec.s3dc_faults import cannot_encode, require_sound
 from octobrick.codec.s3dc_layout import fixed_layout, grid_of, require_code, variable_layout
-from octobrick.codec.s3dc_rule import native_rule, require_fitted, require_rule, require_scale
+from octobrick.codec.s3dc_rule import (
+    half_bound,
+    native_rule,
+    require_fitted,
+    require_rule,
+    require_scale,
+)
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -129,7 +138,7 @@ class S3dc:
         others = None if predictions is None else iter(predictions)
         finder, first = None, None
         for array in arrays:
-            array = require_volume(array)
+            array = require_volume(widened(array))
             prediction = _require_prediction(None if others is None else next(others), array)
             if finder is None:
                 first = array.dtype
@@ -164,8 +173,9 @@ class S3dc:
         """The code of an array.
 
         Args:
-            array: (z, y, x), of uint8, int8, uint16, int16 or float32. Any strides are read in
-                place; only a foreign byte order costs a copy.
+            array: (z, y, x), of uint8, int8, uint16, int16, float32 or float16 (which is coded as
+                float32). Any strides are read in place; only a foreign byte order and float16
+                cost a copy.
             prediction: an array of the same shape and type that the decoder will have too, such
                 as the upsampled parent level (`reduce.upsample2`) or the time step before. Blocks
                 are coded as differences to it where that is better. The code is then of the
@@ -179,7 +189,11 @@ class S3dc:
             NotFiniteError: a float32 voxel, or one of the prediction, is NaN or infinite.
             UnsupportedError: another sample type.
         """
-        array = _finite(require_volume(array), replace_nonfinite)
+        if self.max_error is not None and np.asarray(array).dtype.newbyteorder("=") == HALF:
+            floats = _finite(widened(array), replace_nonfinite)
+            codec = S3dc(self.block, max_error=half_bound(self.max_error, floats))
+            return codec.encode(floats, prediction=prediction, threads=threads)
+        array = _finite(require_volume(widened(array)), replace_nonfinite)
         prediction = _require_prediction(prediction, array)
         workers = require_threads(threads)
         if self.variable or prediction is not None:
@@ -227,7 +241,7 @@ class S3dc:
             InvalidInputError: a shape that no array has, or another prediction.
             UnsupportedError: another sample type.
         """
-        shape_zyx, sample_dtype = require_extents(shape, "shape"), require_dtype(dtype)
+        shape_zyx, sample_dtype = require_extents(shape, "shape"), coded_dtype(dtype)
         predicted = prediction is not None
         view = require_code(self, data, shape_zyx, sample_dtype, predicted=predicted)
         out: Voxels = np.empty(shape_zyx, sample_dtype)
@@ -243,7 +257,7 @@ class S3dc:
         if outcome.status is _native.Status.NOT_FINITE:
             raise cannot_encode(outcome, shape_zyx)
         require_sound(outcome)
-        return out
+        return narrowed(out, dtype)
 
     def encoded_nbytes(self, shape: Iterable[int], dtype: DTypeLike) -> int:
         """How long `encode` makes the code of any array of this shape and type.
@@ -253,7 +267,7 @@ class S3dc:
                 the voxels.
             UnsupportedError: another sample type.
         """
-        shape_zyx, sample = require_extents(shape, "shape"), require_dtype(dtype)
+        shape_zyx, sample = require_extents(shape, "shape"), coded_dtype(dtype)
         if self.bits is None:
             raise InvalidInputError(
                 f"the size of a code of {self} depends on the voxels; encode them and look"
@@ -267,7 +281,7 @@ class S3dc:
             InvalidInputError: a shape that no array has.
             UnsupportedError: another sample type.
         """
-        shape_zyx, sample = require_extents(shape, "shape"), require_dtype(dtype)
+        shape_zyx, sample = require_extents(shape, "shape"), coded_dtype(dtype)
         return fixed_layout(self, shape_zyx, sample).end_points_nbytes
 
     def compression_ratio(self, shape: Iterable[int], dtype: DTypeLike) -> float:
@@ -278,8 +292,8 @@ class S3dc:
         Raises:
             InvalidInputError, UnsupportedError: as `encoded_nbytes`.
         """
-        shape_zyx, sample_dtype = require_extents(shape, "shape"), require_dtype(dtype)
-        nbytes = math.prod(shape_zyx) * sample_dtype.itemsize
+        shape_zyx, sample_dtype = require_extents(shape, "shape"), coded_dtype(dtype)
+        nbytes = math.prod(shape_zyx) * np.dtype(dtype).itemsize
         return nbytes / self.encoded_nbytes(shape_zyx, sample_dtype)
 
     def error_bound(self, array: Voxels, *, prediction: Voxels | None = None) -> float:
@@ -294,8 +308,10 @@ class S3dc:
         Raises:
             InvalidInputError, NotFiniteError, UnsupportedError: as `encode`.
         """
-        array = require_volume(array)
-        if self.variable or self.fitted or self.scale == "trained" or prediction is not None:
+        array = np.asarray(array)
+        half = array.dtype.newbyteorder("=") == HALF
+        follows = not (self.variable or self.fitted or self.scale == "trained" or half)
+        if not follows or prediction is not None:
             code = self.encode(array, prediction=prediction)
             decoded = self.decode(code, array.shape, array.dtype, prediction=prediction)
             return metrics.max_error(array, decoded)
@@ -318,12 +334,11 @@ class S3dc:
         Raises:
             InvalidInputError, NotFiniteError, UnsupportedError: as `encode`.
         """
-        array = require_volume(array)
+        given, array = np.asarray(array), require_volume(widened(array))
         code = S3dc(self.block, 1).encode(array)
         nbytes = self.end_points_nbytes(array.shape, array.dtype)
-        return np.frombuffer(code[:nbytes], array.dtype).reshape(
-            *grid_of(self.block, array.shape), 2
-        )
+        ends = np.frombuffer(code[:nbytes], array.dtype)
+        return narrowed(ends.reshape(*grid_of(self.block, array.shape), 2), given.dtype)
 
     def block_widths(
         self, data: Buffer, shape: Iterable[int], dtype: DTypeLike, *, predicted: bool = False
@@ -340,7 +355,7 @@ class S3dc:
             CorruptBrickError: the code is too short.
             InvalidInputError, UnsupportedError: as `decode`.
         """
-        shape_zyx, sample = require_extents(shape, "shape"), require_dtype(dtype)
+        shape_zyx, sample = require_extents(shape, "shape"), coded_dtype(dtype)
         grid = grid_of(self.block, shape_zyx)
         if not (self.variable or predicted):
             return np.full(grid, self.bits, np.uint8)
@@ -357,7 +372,7 @@ def _require_prediction(prediction: Voxels | None, array: Voxels) -> Voxels | No
     """The prediction in native byte order."""
     if prediction is None:
         return None
-    prediction = require_volume(prediction, "the prediction")
+    prediction = require_volume(widened(prediction), "the prediction")
     if prediction.shape != array.shape or prediction.dtype != array.dtype:
         raise InvalidInputError(
             f"the prediction is {prediction.shape} {prediction.dtype}, but the array "

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from octobrick.codec.arrays import Zyx, require_dtype, require_extents
+from octobrick.codec.arrays import Zyx, coded_dtype, require_extents
 from octobrick.codec.errors import CorruptBrickError
 from octobrick.codec.s3dc import S3dc
 from octobrick.codec.s3dc_layout import variable_layout
@@ -51,7 +51,7 @@ def s3dc_bounds(
         InvalidInputError: a shape that no array has.
         UnsupportedError: another sample type.
     """
-    sample, shape_zyx = require_dtype(dtype), require_extents(shape, "shape")
+    sample, shape_zyx = coded_dtype(dtype), require_extents(shape, "shape")
     view = memoryview(data).cast("B")
     nbytes, given = codec.end_points_nbytes(shape_zyx, sample), view.nbytes
     if given < nbytes:

@@ -6,7 +6,10 @@ import math
 import operator
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from octobrick.codec import _native
+from octobrick.codec.arrays import Voxels
 from octobrick.codec.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -15,6 +18,8 @@ if TYPE_CHECKING:
 DEFAULT_BITS = 4
 RULES = ("bits", "max_error", "bits_per_voxel", "slope")
 SCALES = ("linear", "trained")
+_HALF_TOP = 65472.0
+"""The greatest float16 that has a step above it, as wide as that below it."""
 
 
 def require_bits(bits: object) -> int:
@@ -107,3 +112,15 @@ def native_rule(codec: S3dc) -> tuple[_native.WidthRule, float]:
         return rule.BUDGET, codec.bits_per_voxel
     assert codec.slope is not None
     return rule.SLOPE, codec.slope
+
+
+def half_bound(max_error: float, array: Voxels) -> float:
+    """The bound for float16 voxels before they are rounded to float16, which may cost half a step.
+
+    A step of the greatest voxel, or of the greatest that a decoder can come to.
+    """
+    greatest = float(np.abs(array).max(initial=0)) + max_error
+    if not math.isfinite(greatest):
+        return max_error  # the encoder will refuse
+    step = float(np.spacing(np.float16(min(greatest, _HALF_TOP))))
+    return max(0.0, max_error - step / 2)
