@@ -125,8 +125,9 @@ def deblocked(
 ) -> NDArray[np.float32]:
     """The voxels of a code with its seams smoothed, by the way that was best for such codes.
 
-    `rational_bezier` with the code's own blocks and bounds: of S3Dc by `limit="auto"`, of zerobit,
-    whose blocks are its cells, by "ramp".
+    `rational_bezier` with the code's own blocks and bounds: of S3Dc at a fixed rate by
+    `limit="auto"`; with a width per block, and of zerobit, whose blocks are its cells, by "ramp",
+    as their bounds are scales of the error at best.
 
     Args:
         codec: what made the code, of a scalar volume.
@@ -154,7 +155,7 @@ def deblocked(
     else:
         voxels = codec.decode(data, shape, dtype, prediction=prediction, threads=threads)
         bounds = s3dc_bounds(codec, data, shape, dtype, predicted=prediction is not None)
-        block, limit = codec.block, "auto"
+        block, limit = codec.block, "ramp" if codec.variable else "auto"
     return rational_bezier(
         voxels, block, strength, bounds, limit=limit, value_range=value_range, threads=threads
     )

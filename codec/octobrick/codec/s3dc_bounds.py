@@ -34,7 +34,7 @@ def s3dc_bounds(
     Where end points are fitted this is the scale of the error, and not its bound. Blocks of a
     single value, which tell nothing, have `max_error` where there is one, else the median of the
     other blocks' bounds: where bits were spent for the least error, it is about the same in all
-    blocks.
+    blocks, and where most are exact, so are these.
 
     Args:
         codec: what made the code.
@@ -75,7 +75,7 @@ def s3dc_bounds(
         return half_steps.astype(np.float32)
     levels = 2.0 ** np.minimum(widths, 16) - 1
     bounds: NDArray[np.float64] = extent / (2 * np.maximum(levels, 1))
-    if sample.kind != "f" and not codec.fitted:
+    if sample.kind != "f":
         bounds[extent <= levels] = 0
     if codec.variable or predicted:
         bounds = _without_steps(codec, widths, bounds, 8 * sample.itemsize)
@@ -126,5 +126,5 @@ def _without_steps(
     bounds = np.where((widths == raw) & (widths > 8), 0.0, bounds)
     if codec.max_error is not None:
         return np.where(widths == 0, codec.max_error, np.minimum(bounds, codec.max_error))
-    stepped = bounds[(widths > 0) & (bounds > 0)]
+    stepped = bounds[widths > 0]
     return np.where(widths == 0, np.median(stepped) if stepped.size else 0.0, bounds)
