@@ -89,6 +89,8 @@ class ArrayAccess {
             __builtin_prefetch(voxels_ + place.at + slice + next_row_);
         }
     }
+    void look_up(One) const {}
+    void look_up(Eight) const {}
     OCTOBRICK_INLINE double one(One place) const {
         T value;
         std::memcpy(&value, voxels_ + place.at, sizeof value);
