@@ -3,10 +3,10 @@
 //   s3dc_sampling VOXELS CODE TYPE NZ NY NX BZ BY BX BITS ROUNDS
 //
 // VOXELS are raw samples of type TYPE (0 to 4: uint8, int8, uint16, int16, float32), CODE is their
-// code; BITS is 0 where each block has a width of its own. Every way of sampling is timed in one process, on the same points, alternating; medians
-// over the rounds are written as JSON, in nanoseconds per sample. The array is sampled twice: by
-// the templates that sample the code ("array": located together, prefetched), and point by point
-// as a simple program does ("loop").
+// code; BITS is 0 where each block has a width of its own. Every way of sampling is timed in one
+// process, on the same points, alternating; medians over the rounds are written as JSON, in
+// nanoseconds per sample. The array is sampled twice: by the templates that sample the code
+// ("array": located together, prefetched), and point by point as a simple program does ("loop").
 
 #include <algorithm>
 #include <array>

@@ -87,9 +87,9 @@ void sample(const Parameters& p, std::span<const std::byte> code, const Outcome&
     for (std::size_t z = 0; z < p.shape.z; ++z) {
         for (std::size_t y = 0; y < p.shape.y; ++y) {
             for (std::size_t x = 0; x < p.shape.x; ++x) {
-                centres.insert(centres.end(), {static_cast<float>(x) + 0.5f,
-                                               static_cast<float>(y) + 0.5f,
-                                               static_cast<float>(z) + 0.5f});
+                centres.insert(centres.end(),
+                               {static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f,
+                                static_cast<float>(z) + 0.5f});
             }
         }
     }

@@ -13,7 +13,7 @@ namespace octobrick::fuzz {
 
 // Any bits are a point. All ways and both paths must agree, and only NaN may give NaN.
 inline void sample_everywhere(const codec::S3dcSampler& sampler, const codec::S3dcSampler& scalar,
-                       std::span<const std::byte> bits, codec::Zyx shape) {
+                              std::span<const std::byte> bits, codec::Zyx shape) {
     using namespace codec;
     const auto last = static_cast<float>(shape.x);
     constexpr float kInfinity = std::numeric_limits<float>::infinity();

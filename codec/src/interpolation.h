@@ -128,8 +128,8 @@ struct TrilinearSharedOf {
 
 // ---- Many points ----
 
-// So many points are located first, then looked up, then sampled: while the memory of one is on its way, others
-// are worked on. More would not find free buffers for lines that are being fetched.
+// So many points are located first, then looked up, then sampled: while the memory of one is on its
+// way, others are worked on. More would not find free buffers for lines that are being fetched.
 inline constexpr std::size_t kTogether = 32;
 
 // Calls put(k, sample) for each of n points, in order; n <= kTogether. Each is moved first.

@@ -148,8 +148,7 @@ Outcome S3dcSampler::open_variable(Zyx block, SampleType type, Zyx shape,
     if (detail::too_long(shape)) return {Status::too_large, {}, 0, 0};
     const Outcome outcome = detail::check_variable_code(layout, type, shape, code);
     if (outcome.status == Status::ok) {
-        sampler =
-            detail::make_sampler(detail::VariableCode{layout, type, shape, code}, type, simd);
+        sampler = detail::make_sampler(detail::VariableCode{layout, type, shape, code}, type, simd);
     }
     return outcome;
 }

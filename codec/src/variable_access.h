@@ -48,7 +48,7 @@ class VariableAccess {
         Run run;
     };
     struct Eight {
-        std::size_t block, index;   // of the first voxel
+        std::size_t block, index;      // of the first voxel
         std::size_t to_x, to_y, to_z;  // from its index to that of the next voxel, maybe backwards
         IntFour next_block;  // -1 on each axis where the next voxel is in the next block, else 0
         Run runs[2][4];      // at x, then at x + 1 if that is in another block; order of Corners

@@ -1,6 +1,6 @@
 // Samples of a volume at any points, taken straight from its S3Dc code, at a fixed rate or with a
-// width per block: nothing is decoded but the voxels that a sample needs. Yela, Navazo, Vázquez 2008, sections 4.3 and 5, on a processor;
-// docs/spec/s3dc.md ("Sampling") has every formula.
+// width per block: nothing is decoded but the voxels that a sample needs. Yela, Navazo, Vázquez
+// 2008, sections 4.3 and 5, on a processor; docs/spec/s3dc.md ("Sampling") has every formula.
 //
 // A point is (x, y, z) in voxels: voxel i has its centre at i + 0.5, as in a texture. Points
 // outside, infinite ones too, are moved to the nearest centre of a voxel. A point with a NaN
@@ -44,15 +44,16 @@ enum class Sampling : std::uint8_t {
     trilinear_shared,  // the same to the bit, what neighbours have in common being fetched once
 };
 
-// What sampling reads: what would be texture fetches on a GPU. With a width per block, every pair of
-// end points comes with eight bytes of tables, and words of indices, or of raw voxels, have 32 bits.
+// What sampling reads: what would be texture fetches on a GPU. With a width per block, every pair
+// of end points comes with eight bytes of tables, and words of indices, or of raw voxels, have 32
+// bits.
 struct S3dcFetches {
     std::uint64_t end_points = 0;  // pairs of minimum and maximum
     std::uint64_t words = 0;       // 16-bit words of indices
 };
 
-// Safe to use from any threads at once; only opening throws, std::bad_alloc. Takes no memory for the
-// voxels: it keeps no more than a view of the code, which must outlive it. If another thread
+// Safe to use from any threads at once; only opening throws, std::bad_alloc. Takes no memory for
+// the voxels: it keeps no more than a view of the code, which must outlive it. If another thread
 // changes the code meanwhile, samples are of any value, but nothing beyond the code is read.
 class S3dcSampler {
   public:
