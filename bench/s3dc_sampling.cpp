@@ -3,10 +3,10 @@
 //   s3dc_sampling VOXELS CODE TYPE NZ NY NX BZ BY BX BITS ROUNDS
 //
 // VOXELS are raw samples of type TYPE (0 to 4: uint8, int8, uint16, int16, float32), CODE is their
-// code. Every way of sampling is timed in one process, on the same points, alternating; medians
-// over the rounds are written as JSON, in nanoseconds per sample. The array is sampled twice: by
-// the templates that sample the code ("array": located together, prefetched), and point by point
-// as a simple program does ("loop").
+// code; BITS is 0 where each block has a width of its own. Every way of sampling is timed in one
+// process, on the same points, alternating; medians over the rounds are written as JSON, in
+// nanoseconds per sample. The array is sampled twice: by the templates that sample the code
+// ("array": located together, prefetched), and point by point as a simple program does ("loop").
 
 #include <algorithm>
 #include <array>
@@ -89,6 +89,8 @@ class ArrayAccess {
             __builtin_prefetch(voxels_ + place.at + slice + next_row_);
         }
     }
+    void look_up(One) const {}
+    void look_up(Eight) const {}
     OCTOBRICK_INLINE double one(One place) const {
         T value;
         std::memcpy(&value, voxels_ + place.at, sizeof value);
@@ -269,7 +271,10 @@ int main(int argc, char** argv) {
     const Bytes voxels = read_file(argv[1]), code = read_file(argv[2]);
     std::unique_ptr<S3dcSampler> sampler;
     const S3dc codec = {{bz, by, bx}, static_cast<unsigned>(bits)};
-    if (S3dcSampler::open(codec, type, shape, code, sampler).status != Status::ok) {
+    const Outcome opened =
+        bits != 0 ? S3dcSampler::open(codec, type, shape, code, sampler)
+                  : S3dcSampler::open_variable(codec.block, type, shape, code, sampler);
+    if (opened.status != Status::ok) {
         std::fprintf(stderr, "%s is not such a code\n", argv[2]);
         return 1;
     }

@@ -4,7 +4,8 @@
 
 Points are random, or lie half a voxel apart along tiles of parallel rays, as a ray caster asks for
 them. Volumes of 8 and 16 bits are repeated along z until they have 256 MiB, which no cache holds;
-blocks of 8³ voxels. One thread, on processor time: times of a machine that does other things
+blocks of 8³ voxels, of 4³ where it says so; "4v" is a width per block, 4 bits per voxel in all.
+One thread, on processor time: times of a machine that does other things
 besides are comparable within a row.
 
 "array" is sampled by the templates that sample the code, which fetch ahead for 32 points ("plain",
@@ -29,8 +30,13 @@ from volumes import volumes
 from octobrick.codec import S3dc, S3dcSampler, _native, reference_sampling
 from octobrick.codec.arrays import SAMPLE_DTYPES
 
-BITS = (2, 4, 8)
-EDGE = 8
+CODECS = {
+    "2": S3dc((8, 8, 8), 2),
+    "4": S3dc((8, 8, 8), 4),
+    "8": S3dc((8, 8, 8), 8),
+    "4v": S3dc((8, 8, 8), bits_per_voxel=4),
+    "4v, 4³": S3dc((4, 4, 4), bits_per_voxel=4),
+}
 MIB = 256
 COLUMNS = (
     ("nearest_code", "nearest"),
@@ -64,7 +70,6 @@ def check(codec: S3dc, code: bytes, voxels: NDArray[Any]) -> dict[str, float]:
     ):
         np.testing.assert_array_equal(found, expected)
     number = SAMPLE_DTYPES.index(voxels.dtype)
-    assert codec.bits is not None
     counter = _native.S3dcSampler(code, voxels.shape, number, codec.block, codec.bits)
     names = ("nearest", "trilinear", "trilinear_shared")
     kinds = (
@@ -85,7 +90,8 @@ def measure(
         voxels.tofile(raw)
         coded.write_bytes(code)
         numbers = [
-            SAMPLE_DTYPES.index(voxels.dtype), *voxels.shape, *codec.block, codec.bits, rounds,
+            SAMPLE_DTYPES.index(voxels.dtype), *voxels.shape, *codec.block, codec.bits or 0,
+            rounds,
         ]  # fmt: skip
         command = [str(program), str(raw), str(coded), *map(str, numbers)]
         text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
@@ -102,8 +108,7 @@ def run(data: Path, quick: bool) -> dict[str, Any]:
                 continue
             voxels = enlarged(crop, 1 if quick else MIB)
             found = []
-            for bits in BITS:
-                codec = S3dc((EDGE,) * 3, bits)
+            for bits, codec in CODECS.items():
                 code = codec.encode(voxels)
                 fetches = check(codec, code, voxels)
                 times = measure(program, codec, code, voxels, 1 if quick else 5)
@@ -111,7 +116,7 @@ def run(data: Path, quick: bool) -> dict[str, Any]:
             rows[name] = {"shape": voxels.shape, "dtype": voxels.dtype.name, "rows": found}
             if quick and len(rows) == 2:
                 break
-    return {"edge": EDGE, "rows": rows}
+    return {"rows": rows}
 
 
 def table(figures: dict[str, Any]) -> str:
@@ -123,7 +128,7 @@ def table(figures: dict[str, Any]) -> str:
                 ns = [row["ns"][f"{column}_{points}"] for column, _ in COLUMNS]
                 plain, shared, array, loop = ns[3:]
                 lines.append(
-                    [f"{name[:20]} {volume['dtype']}", str(row["bits"]), points]
+                    [f"{name[:20]} {volume['dtype']}", row["bits"], points]
                     + [f"{t:.1f}" for t in ns]
                     + [f"{row['fetches']['trilinear_shared']:.2f}"]
                     + [f"{t / shared:.2f}" for t in (plain, array, loop)]

@@ -5,8 +5,10 @@
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/tuple.h>
 
+#include <optional>
 #include <tuple>
 
 #include "bindings.h"
@@ -40,13 +42,17 @@ SamplePoints points_of(const Points& array) {
 // A sampler and the buffer that it looks at.
 class Sampler {
   public:
-    Sampler(nb::handle code, const Triple& shape, unsigned type, const Triple& block, unsigned bits,
-            bool simd)
+    // Without bits, of a code with a width per block.
+    Sampler(nb::handle code, const Triple& shape, unsigned type, const Triple& block,
+            std::optional<unsigned> bits, bool simd)
         : code_(code) {
         require(type <= static_cast<unsigned>(SampleType::f32), "no such type");
         const nb::gil_scoped_release unlocked;
-        outcome_ = S3dcSampler::open({zyx(block), bits}, static_cast<SampleType>(type), zyx(shape),
-                                     code_.bytes(), sampler_, simd);
+        const auto sample_type = static_cast<SampleType>(type);
+        outcome_ = bits ? S3dcSampler::open({zyx(block), *bits}, sample_type, zyx(shape),
+                                            code_.bytes(), sampler_, simd)
+                        : S3dcSampler::open_variable(zyx(block), sample_type, zyx(shape),
+                                                     code_.bytes(), sampler_, simd);
     }
 
     const Outcome& outcome() const { return outcome_; }
@@ -96,9 +102,10 @@ void bind_s3dc_sampler(nb::module_& m) {
         .value("TRILINEAR_SHARED", Sampling::trilinear_shared);
 
     nb::class_<Sampler>(m, "S3dcSampler", "Samples a code; see octobrick/codec/s3dc_sampler.h.")
-        .def(nb::init<nb::handle, const Triple&, unsigned, const Triple&, unsigned, bool>(),
+        .def(nb::init<nb::handle, const Triple&, unsigned, const Triple&, std::optional<unsigned>,
+                      bool>(),
              nb::arg("code"), nb::arg("shape"), nb::arg("sample_type"), nb::arg("block"),
-             nb::arg("bits"), nb::arg("simd") = true)
+             nb::arg("bits").none(), nb::arg("simd") = true)
         .def_prop_ro("outcome", &Sampler::outcome)
         .def("sample", &Sampler::sample, nb::arg("how"), nb::arg("points").noconvert(),
              nb::arg("out").noconvert(),

@@ -6,12 +6,12 @@
 
 #include <algorithm>
 #include <cstring>
-#include <limits>
 #include <memory>
 
 #include "fuzz.h"
 #include "octobrick/codec/s3dc.h"
 #include "octobrick/codec/s3dc_sampler.h"
+#include "sample_everywhere.h"
 
 namespace {
 
@@ -23,44 +23,6 @@ Volume packed_volume(std::byte* origin, SampleType type, Zyx shape) {
     const auto unit = static_cast<std::ptrdiff_t>(sample_nbytes(type));
     const auto row = unit * static_cast<std::ptrdiff_t>(shape.x);
     return {origin, type, shape, {row * static_cast<std::ptrdiff_t>(shape.y), row, unit}};
-}
-
-// Any bits are a point. All ways and both paths must agree, and only NaN may give NaN.
-void sample_everywhere(const S3dcSampler& sampler, const S3dcSampler& scalar,
-                       std::span<const std::byte> bits, Zyx shape) {
-    const auto last = static_cast<float>(shape.x);
-    constexpr float kInfinity = std::numeric_limits<float>::infinity();
-    float xyz[12] = {0,
-                     0,
-                     0,
-                     last,
-                     static_cast<float>(shape.y),
-                     static_cast<float>(shape.z),
-                     kInfinity,
-                     -kInfinity,
-                     0,
-                     last - 0.75f,
-                     0.75f,
-                     0.75f};
-    std::memcpy(xyz, bits.data(), std::min<std::size_t>(bits.size(), 3 * sizeof(float)));
-    const SamplePoints points{std::span<const float>(xyz)};
-    float found[4][4];
-    sampler.sample(Sampling::trilinear, points, found[0]);
-    sampler.sample(Sampling::trilinear_shared, points, found[1]);
-    scalar.sample(Sampling::trilinear, points, found[2]);
-    scalar.sample(Sampling::trilinear_shared, points, found[3]);
-    for (int k = 0; k < 4; ++k) {
-        const float* p = xyz + 3 * k;
-        const bool is_nan = p[0] != p[0] || p[1] != p[1] || p[2] != p[2];
-        for (int way = 0; way < 4; ++way) {
-            REQUIRE(is_nan ? found[way][k] != found[way][k] : found[way][k] == found[0][k]);
-        }
-    }
-    float nearest[4], gradient[12];
-    sampler.sample(Sampling::nearest, points, nearest);
-    scalar.gradient(Sampling::trilinear_shared, points, {1, 1, 1}, gradient);
-    sampler.gradient(Sampling::trilinear_shared, points, {1, 1, 1}, gradient);
-    sampler.count_fetches(Sampling::trilinear_shared, points);
 }
 
 }  // namespace
@@ -106,7 +68,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
         return 0;
     }
 
-    sample_everywhere(*sampler, *scalar_sampler, code.span(), shape);
+    octobrick::fuzz::sample_everywhere(*sampler, *scalar_sampler, code.span(), shape);
 
     // What was accepted is finite, so it can be encoded again.
     const Block again(layout.nbytes);

@@ -1,6 +1,7 @@
 // Hostile codes with a width per block, predictions and scales: whatever the bytes, decoding ends
 // with a status, touches nothing that is not its own, and says the same with every set of
-// instructions. What it accepts is finite, and encodes again with any rule.
+// instructions. What it accepts is finite, and encodes again with any rule. Without prediction and
+// scales, a sampler opens what decodes, and gives its voxels; it says the same of the rest.
 //
 // The first 10 bytes choose the parameters. If the last of them is even, the rest is a code.
 // Otherwise it makes a volume, whose code is changed at a few places: so mutations get behind
@@ -8,10 +9,13 @@
 
 #include <algorithm>
 #include <cstring>
+#include <memory>
 #include <vector>
 
 #include "fuzz.h"
+#include "octobrick/codec/s3dc_sampler.h"
 #include "octobrick/codec/s3dc_variable.h"
+#include "sample_everywhere.h"
 
 namespace {
 
@@ -68,6 +72,50 @@ std::vector<std::byte> encode_any(const Parameters& p, const ConstVolume& voxels
     return encode(codec, voxels, code).status == Status::ok ? code : std::vector<std::byte>{};
 }
 
+// Opens what decoded with this outcome, and compares all voxels with nearest samples.
+template <class T>
+void sample(const Parameters& p, std::span<const std::byte> code, const Outcome& outcome,
+            const std::byte* decoded) {
+    std::unique_ptr<S3dcSampler> sampler, scalar;
+    const Outcome opened = S3dcSampler::open_variable(p.block, p.type, p.shape, code, sampler);
+    REQUIRE(opened.status == outcome.status && opened.at == outcome.at);
+    S3dcSampler::open_variable(p.block, p.type, p.shape, code, scalar, false);
+    REQUIRE((sampler != nullptr) == (outcome.status == Status::ok));
+    if (sampler == nullptr) return;
+    octobrick::fuzz::sample_everywhere(*sampler, *scalar, code, p.shape);
+    std::vector<float> centres;
+    for (std::size_t z = 0; z < p.shape.z; ++z) {
+        for (std::size_t y = 0; y < p.shape.y; ++y) {
+            for (std::size_t x = 0; x < p.shape.x; ++x) {
+                centres.insert(centres.end(),
+                               {static_cast<float>(x) + 0.5f, static_cast<float>(y) + 0.5f,
+                                static_cast<float>(z) + 0.5f});
+            }
+        }
+    }
+    const SamplePoints points{std::span<const float>(centres)};
+    std::vector<float> found(points.size());
+    for (const Sampling how : {Sampling::nearest, Sampling::trilinear_shared}) {
+        sampler->sample(how, points, found.data());
+        for (std::size_t k = 0; k < found.size(); ++k) {
+            T voxel;
+            std::memcpy(&voxel, decoded + k * sizeof voxel, sizeof voxel);
+            REQUIRE(found[k] == static_cast<float>(voxel));
+        }
+    }
+}
+
+void sample_any(const Parameters& p, std::span<const std::byte> code, const Outcome& outcome,
+                const std::byte* decoded) {
+    switch (p.type) {
+        case SampleType::u8: return sample<std::uint8_t>(p, code, outcome, decoded);
+        case SampleType::i8: return sample<std::int8_t>(p, code, outcome, decoded);
+        case SampleType::u16: return sample<std::uint16_t>(p, code, outcome, decoded);
+        case SampleType::i16: return sample<std::int16_t>(p, code, outcome, decoded);
+        case SampleType::f32: return sample<float>(p, code, outcome, decoded);
+    }
+}
+
 // Decodes with every set of instructions; what is accepted encodes again.
 bool read(const Parameters& p, std::span<const std::byte> given) {
     const Block code(given), prediction(p.nbytes()), first(p.nbytes());
@@ -82,6 +130,7 @@ bool read(const Parameters& p, std::span<const std::byte> given) {
         REQUIRE(outcome.status != Status::ok ||
                 std::memcmp(first.data(), second.data(), p.nbytes()) == 0);
     }
+    if (!p.predicted && !p.scaled) sample_any(p, code.span(), outcome, first.data());
     if (outcome.status != Status::ok) return false;
     std::vector<std::byte> again;
     const VariableS3dc exact{p.block, {WidthRule::Kind::bound, 0}, false};

@@ -1,18 +1,22 @@
 // Samples at many points, from any source of voxels. The source is a policy, `Access`:
 //
-//   using One = …, Eight = …;                    where a voxel, or eight, lie in memory
+//   using One = …, Eight = …;      where a voxel, or eight, lie in memory
 //   One place_one(int x, int y, int z) const;
 //   void place_eight(const IntFour& low, Eight&) const;
-//                                                of a voxel (x, y, z) and the next ones on each
-//                                                axis; where there is none, the voxel itself
-//   void prefetch(const One&) const;             OCTOBRICK_INLINE: gcc drops calls of functions
-//   that void prefetch(const Eight&) const;           do nothing but prefetch double one(const
-//   One&) const;                the decoded voxel void eight(const Eight&, Corners&) const;    all
-//   eight, fetching once what they share const IntFour& step() const;                 1 on each
-//   axis longer than 1, else 0
+//       of a voxel (x, y, z) and the next ones on each axis; where there is none, the voxel itself
+//   void prefetch(const One&) const;
+//   void prefetch(const Eight&) const;
+//       OCTOBRICK_INLINE: gcc drops calls of functions that do nothing but prefetch
+//   void look_up(One&) const;
+//   void look_up(Eight&) const;
+//       what must be read to know where to read, of memory that was fetched ahead meanwhile
+//   double one(const One&) const;  the decoded voxel
+//   void eight(const Eight&, Corners&) const;
+//       all eight, fetching once what they share
+//   const IntFour& step() const;   1 on each axis longer than 1, else 0
 //
-// S3dcAccess is such a source; a code with another layout of indices needs another, and nothing
-// else.
+// S3dcAccess and VariableAccess are such sources; a code with another layout of indices needs
+// another, and nothing else.
 #pragma once
 
 #include <algorithm>
@@ -65,6 +69,9 @@ struct NearestOf {
         place.voxel = access.place_one(at.low[0], at.low[1], at.low[2]);
         access.prefetch(place.voxel);
     }
+    OCTOBRICK_INLINE static void look_up(const Access& access, Place& place) {
+        access.look_up(place.voxel);
+    }
     OCTOBRICK_INLINE static double value(const Access& access, const Place& place) {
         const double voxel = access.one(place.voxel);
         return place.weights == 0 ? voxel : place.weights;
@@ -79,12 +86,15 @@ struct TrilinearOf {
                                         const DoubleFour& point, Place& at) {
         axes.between(point, at);
     }
+    OCTOBRICK_INLINE static void look_up(const Access&, Place&) {}
     OCTOBRICK_INLINE static double value(const Access& access, const Place& at) {
         const int x = at.low[0], y = at.low[1], z = at.low[2];
         const int next_x = x + access.step()[0], next_y = y + access.step()[1],
                   next_z = z + access.step()[2];
         const auto voxel = [&](int vx, int vy, int vz) {
-            return access.one(access.place_one(vx, vy, vz));
+            auto place = access.place_one(vx, vy, vz);
+            access.look_up(place);
+            return access.one(place);
         };
         const Corners corners = {
             {voxel(x, y, z), voxel(x, y, next_z), voxel(x, next_y, z), voxel(x, next_y, next_z)},
@@ -106,6 +116,9 @@ struct TrilinearSharedOf {
         access.place_eight(place.at.low, place.voxels);
         access.prefetch(place.voxels);
     }
+    OCTOBRICK_INLINE static void look_up(const Access& access, Place& place) {
+        access.look_up(place.voxels);
+    }
     OCTOBRICK_INLINE static double value(const Access& access, const Place& place) {
         Corners corners = {};
         access.eight(place.voxels, corners);
@@ -115,8 +128,8 @@ struct TrilinearSharedOf {
 
 // ---- Many points ----
 
-// So many points are located first, then sampled: while the memory of one is on its way, others
-// are worked on. More would not find free buffers for lines that are being fetched.
+// So many points are located first, then looked up, then sampled: while the memory of one is on its
+// way, others are worked on. More would not find free buffers for lines that are being fetched.
 inline constexpr std::size_t kTogether = 32;
 
 // Calls put(k, sample) for each of n points, in order; n <= kTogether. Each is moved first.
@@ -132,6 +145,7 @@ OCTOBRICK_INLINE void sample_some(const Access& access, const SampleAxes& axes, 
         convert(Vector{p[0], p[1], p[2], 0}, point);
         Method::locate(access, axes, point + moved, places[k]);
     }
+    for (std::size_t k = 0; k < n; ++k) Method::look_up(access, places[k]);
     for (std::size_t k = 0; k < n; ++k) put(k, Method::value(access, places[k]));
 }
 

@@ -54,6 +54,11 @@ class BlockAxes {
         return static_cast<int>((static_cast<double>(voxel) + 0.5) * inverse_[axis]);
     }
 
+    // Where a voxel is in its block.
+    OCTOBRICK_INLINE void within(const IntFour& voxel, const IntFour& block, IntFour& place) const {
+        place = voxel - block * size_;
+    }
+
     // Where the next voxel is in the next block: -1, else 0. The last block counts as a whole one.
     // No sum overflows: where the last block is cut, its end is not reached.
     OCTOBRICK_INLINE void ends(const IntFour& voxel, const IntFour& block, IntFour& at_end) const {
@@ -63,6 +68,20 @@ class BlockAxes {
   private:
     IntFour size_;
     DoubleFour inverse_;
+};
+
+template <class T, class Fetches>
+class S3dcAccess;
+
+// What an access needs to know. The bytes are a code of this layout.
+struct FixedCode {
+    S3dc codec;
+    Layout layout;
+    Zyx shape;
+    const std::byte* bytes;
+
+    template <class T, class Fetches>
+    using Access = S3dcAccess<T, Fetches>;
 };
 
 template <class T, class Fetches>
@@ -82,23 +101,22 @@ class S3dcAccess {
         IntFour next_block;  // -1 on each axis where the next voxel is in the next block, else 0
     };
 
-    // The code must be of this layout; what is not checked here is never a place to read from.
-    S3dcAccess(const S3dc& codec, Zyx shape, const Layout& layout, const std::byte* code,
-               Fetches fetches = {})
-        : code_(code),
-          bits_(codec.bits),
-          next_(shape.x > 1 ? codec.bits : 0),
-          mask_((1u << codec.bits) - 1),
-          step_{shape.x > 1, shape.y > 1, shape.z > 1, 0},
-          blocks_(shape, codec.block),
-          pair_row_nbytes_(layout.grid.x * kPair),
-          pair_slice_nbytes_(layout.grid.y * pair_row_nbytes_),
-          rows_at_(layout.end_points_nbytes),
-          row_nbytes_(layout.row_nbytes),
-          slice_nbytes_(shape.y * layout.row_nbytes),
-          next_row_(shape.y > 1 ? row_nbytes_ : 0),
-          next_slice_(shape.z > 1 ? slice_nbytes_ : 0),
-          decoder_(codec.bits),
+    // What the code holds is not looked at, and never a place to read from.
+    explicit S3dcAccess(const FixedCode& code, Fetches fetches = {})
+        : code_(code.bytes),
+          bits_(code.codec.bits),
+          next_(code.shape.x > 1 ? bits_ : 0),
+          mask_((1u << bits_) - 1),
+          step_{code.shape.x > 1, code.shape.y > 1, code.shape.z > 1, 0},
+          blocks_(code.shape, code.codec.block),
+          pair_row_nbytes_(code.layout.grid.x * kPair),
+          pair_slice_nbytes_(code.layout.grid.y * pair_row_nbytes_),
+          rows_at_(code.layout.end_points_nbytes),
+          row_nbytes_(code.layout.row_nbytes),
+          slice_nbytes_(code.shape.y * row_nbytes_),
+          next_row_(code.shape.y > 1 ? row_nbytes_ : 0),
+          next_slice_(code.shape.z > 1 ? slice_nbytes_ : 0),
+          decoder_(bits_),
           fetches_(fetches) {}
 
     const IntFour& step() const { return step_; }
@@ -131,6 +149,9 @@ class S3dcAccess {
         }
         __builtin_prefetch(code_ + place.pair);
     }
+
+    OCTOBRICK_INLINE void look_up(One&) const {}
+    OCTOBRICK_INLINE void look_up(Eight&) const {}
 
     OCTOBRICK_INLINE double one(const One& place) const {
         const Ends ends = fetch_ends(place.pair);

@@ -7,24 +7,21 @@
 #include "rows.h"
 #include "s3dc_access.h"
 #include "s3dc_check.h"
+#include "s3dc_variable_check.h"
 #include "simd.h"
 #include "store_vector.h"
+#include "variable_access.h"
 
 namespace octobrick::codec {
 namespace detail {
 namespace {
 
-template <class T>
+// Code is FixedCode or VariableCode, with samples of type T.
+template <class T, class Code>
 class Sampler final : public S3dcSampler {
   public:
-    Sampler(const S3dc& codec, Zyx shape, const Layout& layout, const std::byte* code, bool simd)
-        : codec_(codec),
-          shape_(shape),
-          layout_(layout),
-          code_(code),
-          axes_(shape),
-          access_(codec, shape, layout, code),
-          bits_(simd && has_avx2()) {}
+    Sampler(const Code& code, bool simd)
+        : code_(code), axes_(code.shape), access_(code), bits_(simd && has_avx2()) {}
 
     void sample(Sampling how, SamplePoints points, float* out) const override {
         points.visit([&](const auto* xyz) {
@@ -45,7 +42,7 @@ class Sampler final : public S3dcSampler {
 
     S3dcFetches count_fetches(Sampling how, SamplePoints points) const override {
         S3dcFetches sum;
-        const S3dcAccess<T, CountFetches> access(codec_, shape_, layout_, code_, {&sum});
+        const typename Code::template Access<T, CountFetches> access(code_, {&sum});
         points.visit([&](const auto* xyz) {
             float room[kTogether];
             for (std::size_t k = 0; k < points.size(); k += kTogether) {
@@ -110,14 +107,20 @@ class Sampler final : public S3dcSampler {
         }
     }
 
-    S3dc codec_;
-    Zyx shape_;
-    Layout layout_;
-    const std::byte* code_;
+    Code code_;
     SampleAxes axes_;
-    S3dcAccess<T, IgnoreFetches> access_;
+    typename Code::template Access<T, IgnoreFetches> access_;
     bool bits_;  // all processors that have AVX2 have these instructions
 };
+
+template <class Code>
+std::unique_ptr<S3dcSampler> make_sampler(const Code& code, SampleType type, bool simd) {
+    return with_sample_type(type, [&]<class T>(T) -> std::unique_ptr<S3dcSampler> {
+        return std::make_unique<Sampler<T, Code>>(code, simd);
+    });
+}
+
+bool too_long(Zyx shape) { return std::max({shape.z, shape.y, shape.x}) > INT32_MAX; }
 
 }  // namespace
 }  // namespace detail
@@ -128,11 +131,24 @@ Outcome S3dcSampler::open(const S3dc& codec, SampleType type, Zyx shape,
     if (codec.scaled) return {Status::bad_scales, {}, 0, 0};
     Layout layout;
     const Outcome outcome = detail::check_code(codec, type, shape, code, layout);
-    if (std::max({shape.z, shape.y, shape.x}) > INT32_MAX) return {Status::too_large, {}, 0, 0};
+    if (detail::too_long(shape)) return {Status::too_large, {}, 0, 0};
     if (outcome.status == Status::ok) {
-        sampler = detail::with_sample_type(type, [&]<class T>(T) -> std::unique_ptr<S3dcSampler> {
-            return std::make_unique<detail::Sampler<T>>(codec, shape, layout, code.data(), simd);
-        });
+        sampler =
+            detail::make_sampler(detail::FixedCode{codec, layout, shape, code.data()}, type, simd);
+    }
+    return outcome;
+}
+
+Outcome S3dcSampler::open_variable(Zyx block, SampleType type, Zyx shape,
+                                   std::span<const std::byte> code,
+                                   std::unique_ptr<S3dcSampler>& sampler, bool simd) {
+    VariableLayout layout;
+    const Status status = make_variable_layout(block, type, shape, false, layout);
+    if (status != Status::ok) return {status, {}, 0, 0};
+    if (detail::too_long(shape)) return {Status::too_large, {}, 0, 0};
+    const Outcome outcome = detail::check_variable_code(layout, type, shape, code);
+    if (outcome.status == Status::ok) {
+        sampler = detail::make_sampler(detail::VariableCode{layout, type, shape, code}, type, simd);
     }
     return outcome;
 }

@@ -25,6 +25,17 @@ constexpr std::uint64_t units_of(unsigned width, SampleType type) {
     return width == kRaw ? 8 * sample_nbytes(type) : width;
 }
 
+// Units of the first n < 8 blocks of a group with these widths, four bits each: the sum of the
+// widths, by pairs, and for each raw block what it takes more than its 15.
+constexpr std::uint32_t units_before(std::uint32_t widths, std::size_t n, SampleType type) {
+    widths &= (1u << 4 * n) - 1;
+    const std::uint32_t pairs = (widths & 0x0f0f0f0f) + (widths >> 4 & 0x0f0f0f0f);
+    const std::uint32_t sum = pairs * 0x01010101 >> 24;  // at most 7·15
+    const std::uint32_t raw = widths & widths >> 1 & widths >> 2 & widths >> 3 & 0x11111111;
+    const auto more = static_cast<std::uint32_t>(units_of(kRaw, type)) - kRaw;  // wraps for 8 bits
+    return sum + (raw * 0x11111111 >> 28) * more;
+}
+
 inline std::uint32_t load32(const std::uint8_t* from) {
     std::uint32_t word;
     std::memcpy(&word, from, sizeof word);
@@ -47,15 +58,15 @@ class Tables {
         return layout_.flags_begin != layout_.payload_begin &&
                (code_[layout_.flags_begin + block / kGroup] >> block % kGroup & 1) != 0;
     }
-    // Where the block's indices or voxels begin: the group's first unit, and those of the blocks
-    // of the group before it.
+    // Units before a block: those before its group, and those of the blocks of the group before it.
+    std::uint64_t units(std::size_t block) const {
+        const std::size_t group = block / kGroup;
+        return std::uint64_t{group_first(group)} +
+               units_before(group_widths(group), block % kGroup, type_);
+    }
+    // Where the block's indices or voxels begin.
     const std::uint8_t* payload(std::size_t block) const {
-        std::uint64_t unit = group_first(block / kGroup);
-        std::uint32_t widths = group_widths(block / kGroup);
-        for (std::size_t i = block % kGroup; i > 0; --i, widths >>= 4) {
-            unit += units_of(widths & 15, type_);
-        }
-        return code_ + layout_.payload_begin + unit * layout_.unit_nbytes;
+        return code_ + layout_.payload_begin + units(block) * layout_.unit_nbytes;
     }
     const std::uint8_t* end_points(std::size_t block) const {
         return code_ + 2 * sample_nbytes(type_) * block;

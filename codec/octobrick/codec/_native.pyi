@@ -196,7 +196,7 @@ class S3dcSampler:
         shape: tuple[int, int, int],
         sample_type: int,
         block: tuple[int, int, int],
-        bits: int,
+        bits: int | None,
         simd: bool = True,
     ) -> None: ...
     @property

@@ -43,6 +43,9 @@ class S3dcSampler:
     coordinate has the sample NaN. A voxel counts as `S3dc.decode` gives it, whichever block it is
     in; all else is float64, rounded to float32 once.
 
+    Codes of a fixed rate are sampled, and those with a width per block; not those with trained
+    scales, nor any made with a prediction.
+
     The code is checked once, here, and not copied: do not change its bytes while this lives.
     Every method is safe to call from many threads, and lets other Python threads run meanwhile.
 
@@ -53,17 +56,18 @@ class S3dcSampler:
         dtype: its sample type.
 
     Raises:
-        CorruptBrickError: the bytes are not a code of this shape, type and parameters.
+        CorruptBrickError: the bytes are not a code of this shape, type and parameters, or it was
+            made with a prediction.
         InvalidInputError: a shape that no array has, an axis of more than 2^31 − 1 voxels, or a
             buffer that is not contiguous.
-        UnsupportedError: another sample type, or a codec without a fixed rate and linear scale.
+        UnsupportedError: another sample type, or a codec with trained scales.
     """
 
     def __init__(self, codec: S3dc, data: Buffer, shape: Iterable[int], dtype: DTypeLike) -> None:
         shape_zyx, sample_dtype = require_extents(shape, "shape"), require_dtype(dtype)
-        if codec.bits is None or codec.scale != "linear":
+        if codec.scale != "linear":
             raise UnsupportedError(
-                f"a sampler reads codes of a fixed rate and a linear scale, not {codec}; decode it",
+                f"a sampler reads codes with a linear scale, not {codec}; decode it",
                 codec=str(codec),
             )
         view = require_code(codec, data, shape_zyx, sample_dtype)
@@ -81,7 +85,8 @@ class S3dcSampler:
     def nearest(self, points_xyz: Points) -> Samples:
         """The voxel that each point lies in: two fetches, of end points and a word of indices.
 
-        Where a number of bits does not divide 16, an index may lie in two words.
+        Where a number of bits does not divide 16, an index may lie in two words. With a width per
+        block a third fetch tells where the block's indices are.
 
         Args:
             points_xyz: float32 or float64 (n, 3), in voxels.
@@ -101,7 +106,8 @@ class S3dcSampler:
         Args:
             points_xyz: float32 or float64 (n, 3), in voxels.
             shared: fetch once what neighbours have in common (the paper's optimised linear
-                interpolation): 5 to 16 fetches instead of 16. The result is the same to the bit.
+                interpolation): 5 to 16 fetches instead of 16. With a width per block, each block is
+                looked up once. The result is the same to the bit.
 
         Returns:
             float32 (n,); at the centre of a voxel, that voxel.

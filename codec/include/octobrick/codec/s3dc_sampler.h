@@ -1,6 +1,6 @@
-// Samples of a volume at any points, taken straight from its S3Dc code: nothing is decoded but the
-// voxels that a sample needs. Yela, Navazo, Vázquez 2008, sections 4.3 and 5, on a processor;
-// docs/spec/s3dc.md ("Sampling") has every formula.
+// Samples of a volume at any points, taken straight from its S3Dc code, at a fixed rate or with a
+// width per block: nothing is decoded but the voxels that a sample needs. Yela, Navazo, Vázquez
+// 2008, sections 4.3 and 5, on a processor; docs/spec/s3dc.md ("Sampling") has every formula.
 //
 // A point is (x, y, z) in voxels: voxel i has its centre at i + 0.5, as in a texture. Points
 // outside, infinite ones too, are moved to the nearest centre of a voxel. A point with a NaN
@@ -44,14 +44,16 @@ enum class Sampling : std::uint8_t {
     trilinear_shared,  // the same to the bit, what neighbours have in common being fetched once
 };
 
-// What sampling reads: what would be texture fetches on a GPU.
+// What sampling reads: what would be texture fetches on a GPU. With a width per block, every pair
+// of end points comes with eight bytes of tables, and words of indices, or of raw voxels, have 32
+// bits.
 struct S3dcFetches {
     std::uint64_t end_points = 0;  // pairs of minimum and maximum
     std::uint64_t words = 0;       // 16-bit words of indices
 };
 
-// Safe to use from any threads at once; only `open` throws, std::bad_alloc. Takes no memory for the
-// voxels: it keeps no more than a view of the code, which must outlive it. If another thread
+// Safe to use from any threads at once; only opening throws, std::bad_alloc. Takes no memory for
+// the voxels: it keeps no more than a view of the code, which must outlive it. If another thread
 // changes the code meanwhile, samples are of any value, but nothing beyond the code is read.
 class S3dcSampler {
   public:
@@ -61,6 +63,11 @@ class S3dcSampler {
     static Outcome open(const S3dc& codec, SampleType type, Zyx shape,
                         std::span<const std::byte> code, std::unique_ptr<S3dcSampler>& sampler,
                         bool simd = true);
+    // The same for a code with a width per block, and without a prediction: checks all that
+    // `decode_variable` checks, and fails as it does.
+    static Outcome open_variable(Zyx block, SampleType type, Zyx shape,
+                                 std::span<const std::byte> code,
+                                 std::unique_ptr<S3dcSampler>& sampler, bool simd = true);
     virtual ~S3dcSampler() = default;
 
     // Writes a sample for each point.
