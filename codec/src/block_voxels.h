@@ -134,12 +134,12 @@ std::uint16_t position_of(Work<T> value, const Range<T>& range) {
 
 // Levels for `width` bits among what is coded, least and greatest or fitted.
 template <class T>
-OCTOBRICK_INLINE Levels find_block_levels(BlockVoxels<T>& block, bool as_difference,
-                                          const Range<T>& range, unsigned width, bool fitted) {
+OCTOBRICK_INLINE Levels find_block_levels(FindLevels find_levels, BlockVoxels<T>& block,
+                                          bool as_difference, const Range<T>& range, unsigned width,
+                                          bool fitted) {
     float* normalised = block.normalised.data();
     range.normalise(block.coded(as_difference), block.n, normalised);
-    return find_levels<std::is_integral_v<T>>(normalised, block.n, sum_of(normalised, block.n),
-                                              range.reach(), width, fitted);
+    return find_levels(normalised, block.n, range.reach(), width, fitted);
 }
 
 }  // namespace octobrick::codec::detail

@@ -21,7 +21,7 @@ struct EncodeJob {
     ConstVolume voxels;
     Zyx block;
     unsigned bits;
-    bool fitted;
+    FindLevels find_levels;  // null: end points are least and greatest
     Layout layout;
     std::uint8_t* code;
     FirstFault* fault;
@@ -80,15 +80,16 @@ template <class T>
 OCTOBRICK_INLINE void write_end_points(const EncodeJob& job, EncodeScratch<T>& scratch, Zyx begin,
                                        Zyx end, std::uint8_t* to) {
     const unsigned last_index = (1u << job.bits) - 1;
-    if (job.fitted) scratch.rows.open(begin, end);
+    if (job.find_levels != nullptr) scratch.rows.open(begin, end);
     for (std::size_t x = 0, to_x; x < end.x; x = to_x, to += 2 * sizeof(T)) {
         to_x = x + std::min(job.block.x, end.x - x);
         T ends[2] = {*std::min_element(&scratch.min[x], scratch.min.data() + to_x),
                      *std::max_element(&scratch.max[x], scratch.max.data() + to_x)};
-        if (job.fitted) {
+        if (job.find_levels != nullptr) {
             scratch.block.gather(scratch.rows, x, {end.z - begin.z, end.y - begin.y, to_x - x});
             const Range<T> range{ends[0], ends[1]};
-            const Levels levels = find_block_levels<T>(scratch.block, false, range, job.bits, true);
+            const Levels levels =
+                find_block_levels<T>(job.find_levels, scratch.block, false, range, job.bits, true);
             ends[0] = static_cast<T>(range.end_point(levels.first));
             ends[1] = static_cast<T>(range.end_point(levels.last));
             std::fill(&scratch.min[x], scratch.min.data() + to_x, ends[0]);
@@ -153,7 +154,7 @@ OCTOBRICK_INLINE void encode_slab(const EncodeJob& job, EncodeScratch<T>& scratc
     for (std::size_t z = begin.z; z < end.z; ++z) {
         for (std::size_t y = begin.y; y < end.y; ++y) {
             const T* row = scratch.reader.row(z, y);
-            if (job.fitted) row = clamp_row(scratch, row, shape.x);
+            if (job.find_levels != nullptr) row = clamp_row(scratch, row, shape.x);
             write_row<T, B>(
                 scratch, row, shape.x,
                 job.code + job.layout.end_points_nbytes + (z * shape.y + y) * job.layout.row_nbytes,
@@ -192,7 +193,7 @@ void run_encode(const EncodeJob& job, Execution execution) {
     std::vector<EncodeScratch<T>> scratch;
     scratch.reserve(threads);
     for (unsigned i = 0; i < threads; ++i) {
-        scratch.emplace_back(job.voxels, job.fitted ? whole_block(job) : Zyx{});
+        scratch.emplace_back(job.voxels, job.find_levels != nullptr ? whole_block(job) : Zyx{});
     }
     parallel_for(slabs, threads, [&](std::size_t slab, unsigned worker) {
         encode_slab(job, scratch[worker], slab);
@@ -214,8 +215,9 @@ Outcome encode(const S3dc& codec, const ConstVolume& voxels, std::span<std::byte
     auto* bytes = reinterpret_cast<std::uint8_t*>(code.data());
     if (codec.scaled) return detail::encode_scaled(codec, voxels, layout, bytes, execution);
     detail::FirstFault fault;
-    const detail::EncodeJob job{voxels, codec.block, codec.bits, codec.fitted,
-                                layout, bytes,       &fault};
+    const detail::FindLevels fit =
+        codec.fitted ? detail::find_levels_for(voxels.type != SampleType::f32, execution) : nullptr;
+    const detail::EncodeJob job{voxels, codec.block, codec.bits, fit, layout, bytes, &fault};
     detail::with_sample_type(voxels.type,
                              [&]<class T>(T) { detail::run_encode<T>(job, execution); });
     if (fault.outcome().status == Status::not_finite) {

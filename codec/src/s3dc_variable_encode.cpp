@@ -63,6 +63,10 @@ void for_each_slab(const EncodeJob& job, Execution execution, const Slab& slab_o
                  [&](std::size_t slab, unsigned worker) { slab_of(job, scratch[worker], slab); });
 }
 
+FindLevels levels_for(SampleType type, Execution execution) {
+    return find_levels_for(type != SampleType::f32, execution);
+}
+
 // What a raw block takes, in units; 0 where the type has none.
 std::uint32_t raw_units(SampleType type) {
     return sample_nbytes(type) > 1 ? static_cast<std::uint32_t>(units_of(kRaw, type)) : 0;
@@ -161,7 +165,7 @@ Outcome encode_variable(const VariableS3dc& codec, const ConstVolume& voxels,
     const Outcome checked = check_job(codec, voxels, prediction, layout);
     if (checked.status != Status::ok) return checked;
     Choices choices(layout.blocks);
-    EncodeJob job{codec, layout, voxels, prediction, choices};
+    EncodeJob job{codec, layout, voxels, prediction, choices, levels_for(voxels.type, execution)};
     if (codec.widths.kind == WidthRule::Kind::budget && units_for(job, codec.widths.value) < 0) {
         const double voxel_count =
             static_cast<double>(voxels.shape.z * voxels.shape.y * voxels.shape.x);
@@ -203,7 +207,8 @@ Outcome SlopeFinder::add(const ConstVolume& voxels, const ConstVolume* predictio
     const Outcome checked = check_job(state_->codec, voxels, prediction, layout);
     if (checked.status != Status::ok) return checked;
     Choices choices(layout.blocks);
-    const EncodeJob job{state_->codec, layout, voxels, prediction, choices};
+    const EncodeJob job{state_->codec, layout,  voxels,
+                        prediction,    choices, levels_for(voxels.type, execution)};
     examine(job, execution);
     const double unit_nbits = static_cast<double>(layout.unit_nbytes) * 8;
     std::array<HullStep, kWidths> hull;

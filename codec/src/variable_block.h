@@ -33,6 +33,7 @@ struct EncodeJob {
     ConstVolume voxels;
     const ConstVolume* prediction;
     Choices& choices;
+    FindLevels find_levels;
     std::uint8_t* code = nullptr;
 };
 
@@ -65,12 +66,12 @@ struct Ends {
 
 // End points for a width: of fitted levels, or least and greatest.
 template <class T>
-OCTOBRICK_INLINE Ends<T> ends_for(BlockVoxels<T>& block, bool as_difference, unsigned width,
-                                  bool fitted, const Range<T>& range) {
+OCTOBRICK_INLINE Ends<T> ends_for(FindLevels find_levels, BlockVoxels<T>& block, bool as_difference,
+                                  unsigned width, bool fitted, const Range<T>& range) {
     if (range.constant() || width == kRaw)
         return {range.end_point(0), range.end_point(range.reach())};
-    const Levels levels =
-        find_block_levels<T>(block, as_difference, range, width, fitted && width <= kMostFitted);
+    const Levels levels = find_block_levels<T>(find_levels, block, as_difference, range, width,
+                                               fitted && width <= kMostFitted);
     return {range.end_point(levels.first), range.end_point(levels.last)};
 }
 
@@ -142,7 +143,6 @@ OCTOBRICK_INLINE void add_curve(const EncodeJob& job, EncodeScratch<T>& scratch,
     constexpr bool kInteger = std::is_integral_v<T>;
     BlockVoxels<T>& block = scratch.block;
     range.normalise(block.coded(as_difference), block.n, block.normalised.data());
-    const double sum = sum_of(block.normalised.data(), block.n);
     const double unit = range.unit() * range.unit();
     double fine = 0;  // the squared error at kMostFitted
     for (unsigned width = 0; width <= most_width(job.voxels.type); ++width) {
@@ -153,10 +153,9 @@ OCTOBRICK_INLINE void add_curve(const EncodeJob& job, EncodeScratch<T>& scratch,
         } else if (width > kMostFitted && 2 * levels <= range.reach()) {
             squares = fine_squares<kInteger>(fine, kMostFitted, width, range.reach());
         } else {
-            squares =
-                unit * find_levels<kInteger>(block.normalised.data(), block.n, sum, range.reach(),
-                                             width, job.codec.fitted && width <= kMostFitted)
-                           .squares;
+            squares = unit * job.find_levels(block.normalised.data(), block.n, range.reach(), width,
+                                             job.codec.fitted && width <= kMostFitted)
+                                 .squares;
             if (width == kMostFitted) fine = squares;
         }
         if (squares < curve.squares[width]) {
@@ -220,9 +219,10 @@ OCTOBRICK_INLINE void write_block(const EncodeJob& job, EncodeScratch<T>& scratc
     const bool as_difference = job.choices.predicted[at] != 0;
     const Work<T>* coded = block.coded(as_difference);
     const Range<T> range = Range<T>::of(coded, block.n);
-    const Ends<T> ends = job.codec.widths.kind == Kind::bound && width != kRaw
-                             ? even_ends(range, width)
-                             : ends_for(block, as_difference, width, job.codec.fitted, range);
+    const Ends<T> ends =
+        job.codec.widths.kind == Kind::bound && width != kRaw
+            ? even_ends(range, width)
+            : ends_for(job.find_levels, block, as_difference, width, job.codec.fitted, range);
     std::uint8_t* to = job.code + 2 * sizeof(T) * at;
     if (as_difference) {
         store_ends<Difference<T>>(ends.first, ends.last, to);

@@ -83,6 +83,22 @@ Decoded through_s3dc(const std::vector<float>& voxels) {
     return decoded;
 }
 
+// A width for each block, so that no voxel is off by more than 2.
+void through_bounded_s3dc(const std::vector<float>& voxels) {
+    const VariableS3dc codec{{8, 8, 8}, {WidthRule::Kind::bound, 2}};
+    std::vector<std::byte> code;
+    require(encode_variable(codec, view(voxels), nullptr, code).status == Status::ok, "encodes");
+
+    std::vector<float> decoded(kVoxels);
+    const auto bytes = std::as_writable_bytes(std::span(decoded));
+    const Volume out{bytes.data(), SampleType::f32, kShape, kStrides};
+    require(decode_variable(codec.block, code, nullptr, out).status == Status::ok, "decodes");
+    ErrorStats stats;
+    require(compare(view(voxels), view(decoded), stats), "types and shapes are equal");
+    require(stats.max_abs_f <= 2, "the bound is kept");
+    std::printf("bounded s3dc: %zu bytes, error %.2f\n", code.size(), rms_error(voxels, decoded));
+}
+
 // Smooths across the borders of the blocks, by no more than they may be wrong.
 void deblocked(const std::vector<float>& voxels, const Decoded& decoded) {
     Deblock filter;
@@ -127,6 +143,7 @@ void through_zerobit(const std::vector<float>& voxels) {
 int main() {
     const std::vector<float> voxels = ball();
     deblocked(voxels, through_s3dc(voxels));
+    through_bounded_s3dc(voxels);
     directions(voxels);
     through_zerobit(voxels);
 }
