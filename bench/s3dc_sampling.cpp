@@ -116,7 +116,12 @@ class ArrayAccess {
 template <template <class> class How, class T>
 OCTOBRICK_BITS_TARGET void sample_array(const ArrayAccess<T>& access, const SampleAxes& axes,
                                         const std::vector<float>& points, float* out) {
-    sample_points<How>(access, axes, points.data(), points.size() / 3, out);
+    DoubleFour some[kTogether];
+    for (std::size_t first = 0; first < points.size() / 3; first += kTogether) {
+        const std::size_t n = std::min(kTogether, points.size() / 3 - first);
+        load_points(points.data() + 3 * first, n, some);
+        sample_points<How>(access, axes, some, n, out + first);
+    }
 }
 
 template <class T>

@@ -88,18 +88,17 @@ struct TrilinearOf {
     }
     OCTOBRICK_INLINE static void look_up(const Access&, Place&) {}
     OCTOBRICK_INLINE static double value(const Access& access, const Place& at) {
-        const int x = at.low[0], y = at.low[1], z = at.low[2];
-        const int next_x = x + access.step()[0], next_y = y + access.step()[1],
-                  next_z = z + access.step()[2];
-        const auto voxel = [&](int vx, int vy, int vz) {
-            auto place = access.place_one(vx, vy, vz);
+        double voxels[2][4];  // at x and at x + 1, in the order of Corners
+        for (int k = 0; k < 8; ++k) {
+            auto place = access.place_one(at.low[0] + (k >= 4 ? access.step()[0] : 0),
+                                          at.low[1] + ((k & 2) != 0 ? access.step()[1] : 0),
+                                          at.low[2] + ((k & 1) != 0 ? access.step()[2] : 0));
             access.look_up(place);
-            return access.one(place);
-        };
-        const Corners corners = {
-            {voxel(x, y, z), voxel(x, y, next_z), voxel(x, next_y, z), voxel(x, next_y, next_z)},
-            {voxel(next_x, y, z), voxel(next_x, y, next_z), voxel(next_x, next_y, z),
-             voxel(next_x, next_y, next_z)}};
+            voxels[k / 4][k % 4] = access.one(place);
+        }
+        const auto& [low, high] = voxels;
+        const Corners corners = {{low[0], low[1], low[2], low[3]},
+                                 {high[0], high[1], high[2], high[3]}};
         return interpolate(corners, at);
     }
 };
@@ -132,32 +131,37 @@ struct TrilinearSharedOf {
 // way, others are worked on. More would not find free buffers for lines that are being fetched.
 inline constexpr std::size_t kTogether = 32;
 
-// Calls put(k, sample) for each of n points, in order; n <= kTogether. Each is moved first.
-template <template <class> class How, class Access, class P, class F>
-OCTOBRICK_INLINE void sample_some(const Access& access, const SampleAxes& axes, const P* xyz,
-                                  std::size_t n, const DoubleFour& moved, const F& put) {
-    using Method = How<Access>;
-    typename Method::Place places[kTogether];
+// n points of either width, so that what follows is compiled once.
+template <class P>
+OCTOBRICK_INLINE void load_points(const P* xyz, std::size_t n, DoubleFour* points) {
     for (std::size_t k = 0; k < n; ++k) {
         const P* p = xyz + 3 * k;
         using Vector [[gnu::vector_size(4 * sizeof(P))]] = P;
-        DoubleFour point;
-        convert(Vector{p[0], p[1], p[2], 0}, point);
-        Method::locate(access, axes, point + moved, places[k]);
+        convert(Vector{p[0], p[1], p[2], 0}, points[k]);
+    }
+}
+
+// Calls put(k, sample) for each of n points, in order; n <= kTogether. Each is moved first.
+template <template <class> class How, class Access, class F>
+OCTOBRICK_INLINE void sample_some(const Access& access, const SampleAxes& axes,
+                                  const DoubleFour* points, std::size_t n, const DoubleFour& moved,
+                                  const F& put) {
+    using Method = How<Access>;
+    typename Method::Place places[kTogether];
+    for (std::size_t k = 0; k < n; ++k) {
+        Method::locate(access, axes, points[k] + moved, places[k]);
     }
     for (std::size_t k = 0; k < n; ++k) Method::look_up(access, places[k]);
     for (std::size_t k = 0; k < n; ++k) put(k, Method::value(access, places[k]));
 }
 
-template <template <class> class How, class Access, class P>
-OCTOBRICK_INLINE void sample_points(const Access& access, const SampleAxes& axes, const P* xyz,
-                                    std::size_t n, float* out) {
+// The samples at n <= kTogether points.
+template <template <class> class How, class Access>
+OCTOBRICK_INLINE void sample_points(const Access& access, const SampleAxes& axes,
+                                    const DoubleFour* points, std::size_t n, float* out) {
     const DoubleFour stay = {};
-    for (std::size_t first = 0; first < n; first += kTogether) {
-        sample_some<How>(
-            access, axes, xyz + 3 * first, std::min(kTogether, n - first), stay,
-            [&](std::size_t k, double sample) { out[first + k] = static_cast<float>(sample); });
-    }
+    sample_some<How>(access, axes, points, n, stay,
+                     [out](std::size_t k, double sample) { out[k] = static_cast<float>(sample); });
 }
 
 }  // namespace octobrick::codec::detail

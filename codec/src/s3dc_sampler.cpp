@@ -24,9 +24,9 @@ class Sampler final : public S3dcSampler {
         : code_(code), axes_(code.shape), access_(code), bits_(simd && has_avx2()) {}
 
     void sample(Sampling how, SamplePoints points, float* out) const override {
-        points.visit([&](const auto* xyz) {
-            bits_ ? sample_with_bits(how, xyz, points.size(), out)
-                  : sample_all(access_, how, xyz, points.size(), out);
+        for_some(points, [&](const DoubleFour* some, std::size_t first, std::size_t n) {
+            bits_ ? sample_with_bits(how, some, n, out + first)
+                  : sample_now(access_, how, some, n, out + first);
         });
     }
 
@@ -34,76 +34,82 @@ class Sampler final : public S3dcSampler {
                   float* out) const override {
         const double scale_xyz[3] = {0.5 / spacing_zyx[2], 0.5 / spacing_zyx[1],
                                      0.5 / spacing_zyx[0]};
-        points.visit([&](const auto* xyz) {
-            bits_ ? gradient_with_bits(how, xyz, points.size(), scale_xyz, out)
-                  : gradient_all(how, xyz, points.size(), scale_xyz, out);
+        for_some(points, [&](const DoubleFour* some, std::size_t first, std::size_t n) {
+            bits_ ? gradient_with_bits(how, some, n, scale_xyz, out + 3 * first)
+                  : gradient_now(how, some, n, scale_xyz, out + 3 * first);
         });
     }
 
     S3dcFetches count_fetches(Sampling how, SamplePoints points) const override {
         S3dcFetches sum;
         const typename Code::template Access<T, CountFetches> access(code_, {&sum});
-        points.visit([&](const auto* xyz) {
+        for_some(points, [&](const DoubleFour* some, std::size_t, std::size_t n) {
             float room[kTogether];
-            for (std::size_t k = 0; k < points.size(); k += kTogether) {
-                const std::size_t n = std::min(kTogether, points.size() - k);
-                sample_all(access, how, xyz + 3 * k, n, room);
-            }
+            sample_now(access, how, some, n, room);
         });
         return sum;
     }
 
   private:
-    // The same bodies twice: see simd.h.
-    template <class P>
-    OCTOBRICK_BITS_TARGET void sample_with_bits(Sampling how, const P* xyz, std::size_t n,
-                                                float* out) const {
-        sample_all(access_, how, xyz, n, out);
-    }
-    template <class P>
-    OCTOBRICK_BITS_TARGET void gradient_with_bits(Sampling how, const P* xyz, std::size_t n,
-                                                  const double (&scale_xyz)[3], float* out) const {
-        gradient_all(how, xyz, n, scale_xyz, out);
+    // Calls f(points, number of the first, how many) for no more than kTogether at a time.
+    template <class F>
+    static void for_some(const SamplePoints& points, const F& f) {
+        points.visit([&](const auto* xyz) {
+            DoubleFour some[kTogether];
+            for (std::size_t first = 0; first < points.size(); first += kTogether) {
+                const std::size_t n = std::min(kTogether, points.size() - first);
+                load_points(xyz + 3 * first, n, some);
+                f(some, first, n);
+            }
+        });
     }
 
-    template <class Access, class P>
-    void sample_all(const Access& access, Sampling how, const P* xyz, std::size_t n,
+    // The same bodies twice: see simd.h.
+    OCTOBRICK_BITS_TARGET void sample_with_bits(Sampling how, const DoubleFour* points,
+                                                std::size_t n, float* out) const {
+        sample_now(access_, how, points, n, out);
+    }
+    OCTOBRICK_BITS_TARGET void gradient_with_bits(Sampling how, const DoubleFour* points,
+                                                  std::size_t n, const double (&scale_xyz)[3],
+                                                  float* out) const {
+        gradient_now(how, points, n, scale_xyz, out);
+    }
+
+    template <class Access>
+    void sample_now(const Access& access, Sampling how, const DoubleFour* points, std::size_t n,
                     float* out) const {
         switch (how) {
-            case Sampling::nearest: sample_points<NearestOf>(access, axes_, xyz, n, out); break;
-            case Sampling::trilinear: sample_points<TrilinearOf>(access, axes_, xyz, n, out); break;
+            case Sampling::nearest: return sample_points<NearestOf>(access, axes_, points, n, out);
+            case Sampling::trilinear:
+                return sample_points<TrilinearOf>(access, axes_, points, n, out);
             case Sampling::trilinear_shared:
-                sample_points<TrilinearSharedOf>(access, axes_, xyz, n, out);
+                return sample_points<TrilinearSharedOf>(access, axes_, points, n, out);
         }
     }
 
-    template <class P>
-    void gradient_all(Sampling how, const P* xyz, std::size_t n, const double (&scale_xyz)[3],
-                      float* out) const {
-        for (std::size_t k = 0; k < n; k += kTogether) {
-            const std::size_t some = std::min(kTogether, n - k);
-            how == Sampling::trilinear
-                ? gradient_some<TrilinearOf>(xyz + 3 * k, some, scale_xyz, out + 3 * k)
-                : gradient_some<TrilinearSharedOf>(xyz + 3 * k, some, scale_xyz, out + 3 * k);
-        }
+    void gradient_now(Sampling how, const DoubleFour* points, std::size_t n,
+                      const double (&scale_xyz)[3], float* out) const {
+        how == Sampling::trilinear ? gradient_of<TrilinearOf>(points, n, scale_xyz, out)
+                                   : gradient_of<TrilinearSharedOf>(points, n, scale_xyz, out);
     }
 
-    template <template <class> class How, class P>
-    void gradient_some(const P* xyz, std::size_t n, const double (&scale_xyz)[3],
-                       float* out) const {
-        double slopes[3][kTogether];
-        for (int axis = 0; axis < 3; ++axis) {
-            double* slope = slopes[axis];
-            DoubleFour ahead = {};
-            ahead[axis] = 1;
-            sample_some<How>(access_, axes_, xyz, n, ahead,
-                             [=](std::size_t k, double sample) { slope[k] = sample; });
-            sample_some<How>(access_, axes_, xyz, n, -ahead, [&](std::size_t k, double sample) {
-                slope[k] = (slope[k] - sample) * scale_xyz[axis];
-            });
+    template <template <class> class How>
+    void gradient_of(const DoubleFour* points, std::size_t n, const double (&scale_xyz)[3],
+                     float* out) const {
+        double samples[6][kTogether];  // ahead and back, along x, y and z
+        for (int way = 0; way < 6; ++way) {
+            double* to = samples[way];
+            DoubleFour moved = {};
+            moved[way / 2] = way % 2 == 0 ? 1 : -1;
+            sample_some<How>(access_, axes_, points, n, moved,
+                             [to](std::size_t k, double sample) { to[k] = sample; });
         }
         for (std::size_t k = 0; k < n; ++k) {
-            store_vector(slopes[0][k], slopes[1][k], slopes[2][k], out + 3 * k);
+            double slope[3];
+            for (int axis = 0; axis < 3; ++axis) {
+                slope[axis] = (samples[2 * axis][k] - samples[2 * axis + 1][k]) * scale_xyz[axis];
+            }
+            store_vector(slope[0], slope[1], slope[2], out + 3 * k);
         }
     }
 
