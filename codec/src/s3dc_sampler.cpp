@@ -53,18 +53,25 @@ class Sampler final : public S3dcSampler {
   private:
     // Calls f(points, number of the first, how many) for no more than kTogether at a time.
     template <class F>
-    static void for_some(const SamplePoints& points, const F& f) {
+    void for_some(const SamplePoints& points, const F& f) const {
         points.visit([&](const auto* xyz) {
             DoubleFour some[kTogether];
             for (std::size_t first = 0; first < points.size(); first += kTogether) {
                 const std::size_t n = std::min(kTogether, points.size() - first);
-                load_points(xyz + 3 * first, n, some);
+                bits_ ? load_with_bits(xyz + 3 * first, n, some)
+                      : load_points(xyz + 3 * first, n, some);
                 f(some, first, n);
             }
         });
     }
 
-    // The same bodies twice: see simd.h.
+    // The same bodies twice: see simd.h. Points are stored as wide as they are loaded afterwards,
+    // or each load would wait for two stores.
+    template <class P>
+    OCTOBRICK_BITS_TARGET static void load_with_bits(const P* xyz, std::size_t n,
+                                                     DoubleFour* points) {
+        load_points(xyz, n, points);
+    }
     OCTOBRICK_BITS_TARGET void sample_with_bits(Sampling how, const DoubleFour* points,
                                                 std::size_t n, float* out) const {
         sample_now(access_, how, points, n, out);

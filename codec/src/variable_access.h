@@ -261,7 +261,8 @@ class VariableAccess {
     OCTOBRICK_INLINE void fetch_rows(const Run (&runs)[4], const Eight& place, std::size_t ahead,
                                      std::size_t next, UintFour& first, UintFour& second) const {
         std::uint32_t a[4], b[4];
-        for (int row = 0; row < 4; ++row) {  // a loop: inlined four times it takes long to compile
+#pragma GCC unroll 4
+        for (int row = 0; row < 4; ++row) {
             const int same = row & rows_;
             if (same == row) {
                 fetch_index(runs[row], index_in_row(place, row) + ahead, next, a[row], b[row]);
