@@ -59,6 +59,7 @@ class VariableAccess {
           last_word_(code.bytes.size() - sizeof(std::uint64_t)),
           type_(code.type),
           step_{code.shape.x > 1, code.shape.y > 1, code.shape.z > 1, 0},
+          rows_((code.shape.y > 1 ? 2 : 0) + (code.shape.z > 1 ? 1 : 0)),
           blocks_(code.shape, code.layout.block),
           row_(code.layout.block.x),
           slice_(code.layout.block.x * code.layout.block.y),
@@ -260,17 +261,15 @@ class VariableAccess {
     OCTOBRICK_INLINE void fetch_rows(const Run (&runs)[4], const Eight& place, std::size_t ahead,
                                      std::size_t next, UintFour& first, UintFour& second) const {
         std::uint32_t a[4], b[4];
-        const auto fetch = [&](int row) OCTOBRICK_INLINE_LAMBDA {
-            fetch_index(runs[row], index_in_row(place, row) + ahead, next, a[row], b[row]);
-        };
-        const auto copy = [&](int row, int from) OCTOBRICK_INLINE_LAMBDA {
-            a[row] = a[from];
-            b[row] = b[from];
-        };
-        fetch(0);
-        step_[2] != 0 ? fetch(1) : copy(1, 0);
-        step_[1] != 0 ? fetch(2) : copy(2, 0);
-        step_[1] == 0 ? copy(3, 1) : step_[2] == 0 ? copy(3, 2) : fetch(3);
+        for (int row = 0; row < 4; ++row) {  // a loop: inlined four times it takes long to compile
+            const int same = row & rows_;
+            if (same == row) {
+                fetch_index(runs[row], index_in_row(place, row) + ahead, next, a[row], b[row]);
+            } else {
+                a[row] = a[same];
+                b[row] = b[same];
+            }
+        }
         first = UintFour{a[0], a[1], a[2], a[3]};
         second = UintFour{b[0], b[1], b[2], b[3]};
     }
@@ -279,6 +278,7 @@ class VariableAccess {
     std::size_t last_word_;  // where the last 64 bits begin
     SampleType type_;
     IntFour step_;
+    int rows_;  // the last of the rows of Corners that is none of those before it
     BlockAxes blocks_;
     std::size_t row_, slice_;  // from a voxel of a block to the next one in y and z
     std::size_t row_blocks_, slice_blocks_;
