@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from volumes import volumes
 
-from octobrick.codec import S3dc, reduce
+from octobrick.codec import S3dc, _native, reduce
+from octobrick.codec.s3dc_rule import native_rule
 
 EDGE = 64
 SMALL, LARGE = (4, 4, 4), (8, 8, 8)
@@ -43,20 +44,33 @@ def codecs(voxels: NDArray[Any]) -> dict[str, S3dc]:
 
 
 def calls_of(voxels: NDArray[Any]) -> dict[str, Callable[[], object]]:
-    """Encoding and decoding in every way, and copying."""
+    """Encoding and decoding in every way, and copying; the library's own time, without Python's."""
     prediction = reduce.upsample2(reduce.mean2(voxels), voxels.shape)
+    out = np.empty_like(voxels)
     calls: dict[str, Callable[[], object]] = {}
     for name, codec in codecs(voxels).items():
         known = prediction if name == "predicted" else None
         code = codec.encode(voxels, prediction=known)
-        calls[f"{name} encode"] = partial(codec.encode, voxels, prediction=known, threads=1)
-        calls[f"{name} decode"] = partial(
-            codec.decode, code, voxels.shape, voxels.dtype, prediction=known, threads=1
-        )
+        if codec.bits is not None:
+            calls[f"{name} encode"] = partial(
+                _native.encode, voxels, codec.block, codec.bits, 1, fitted=bool(codec.fitted)
+            )
+            calls[f"{name} decode"] = partial(
+                _native.decode_into, code, out, codec.block, codec.bits, 1
+            )
+        else:
+            rule, value = native_rule(codec)
+            calls[f"{name} encode"] = partial(
+                _native.variable_encode,
+                voxels, codec.block, rule, value, bool(codec.fitted), known, 1,
+            )  # fmt: skip
+            calls[f"{name} decode"] = partial(
+                _native.variable_decode_into, code, out, codec.block, known, 1
+            )
     zfp_input = _zfp.inputs(voxels)["float32"]
     calls["zfp encode"] = partial(_zfp.encode_rate, zfp_input, 4)
     calls["zfp decode"] = partial(_zfp.decode, _zfp.encode_rate(zfp_input, 4))
-    calls["memcpy"] = partial(np.copyto, np.empty_like(voxels), voxels)
+    calls["memcpy"] = partial(np.copyto, out, voxels)
     return calls
 
 
