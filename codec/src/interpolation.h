@@ -88,17 +88,18 @@ struct TrilinearOf {
     }
     OCTOBRICK_INLINE static void look_up(const Access&, Place&) {}
     OCTOBRICK_INLINE static double value(const Access& access, const Place& at) {
-        double voxels[2][4];  // at x and at x + 1, in the order of Corners
-        for (int k = 0; k < 8; ++k) {
-            auto place = access.place_one(at.low[0] + (k >= 4 ? access.step()[0] : 0),
-                                          at.low[1] + ((k & 2) != 0 ? access.step()[1] : 0),
-                                          at.low[2] + ((k & 1) != 0 ? access.step()[2] : 0));
+        const int x = at.low[0], y = at.low[1], z = at.low[2];
+        const int next_x = x + access.step()[0], next_y = y + access.step()[1],
+                  next_z = z + access.step()[2];
+        const auto voxel = [&](int vx, int vy, int vz) {
+            auto place = access.place_one(vx, vy, vz);
             access.look_up(place);
-            voxels[k / 4][k % 4] = access.one(place);
-        }
-        const auto& [low, high] = voxels;
-        const Corners corners = {{low[0], low[1], low[2], low[3]},
-                                 {high[0], high[1], high[2], high[3]}};
+            return access.one(place);
+        };
+        const Corners corners = {
+            {voxel(x, y, z), voxel(x, y, next_z), voxel(x, next_y, z), voxel(x, next_y, next_z)},
+            {voxel(next_x, y, z), voxel(next_x, y, next_z), voxel(next_x, next_y, z),
+             voxel(next_x, next_y, next_z)}};
         return interpolate(corners, at);
     }
 };
