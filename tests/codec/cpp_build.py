@@ -9,6 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 # Those of .venv: a machine need not have its own.
 TOOLS = Path(sys.executable).parent
+CONFIGURE = (TOOLS / "cmake", "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={TOOLS / 'ninja'}")
 
 
 def run(*command: str | Path, seconds: float = 600) -> str:
@@ -24,10 +25,7 @@ def run(*command: str | Path, seconds: float = 600) -> str:
 
 def configure_and_build(source: Path, build: Path, *options: str) -> None:
     """Compiles what has changed since the last time."""
-    run(
-        *(TOOLS / "cmake", "-S", source, "-B", build, "-G", "Ninja"),
-        *(f"-DCMAKE_MAKE_PROGRAM={TOOLS / 'ninja'}", *options),
-    )
+    run(*CONFIGURE, "-S", source, "-B", build, *options)
     run(TOOLS / "cmake", "--build", build)
 
 

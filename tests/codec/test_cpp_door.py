@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from .cpp_build import ROOT, TOOLS, build_library, build_programs, install_library, run
+from .cpp_build import CONFIGURE, ROOT, build_library, build_programs, install_library, run
 
 PAGE = (ROOT / "docs/cpp.md").read_text()
 
@@ -47,7 +47,7 @@ def test_page_shows_the_example_as_it_is() -> None:
 def test_page_builds_a_project_of_its_own(prefix: Path, tmp_path: Path) -> None:
     (tmp_path / "CMakeLists.txt").write_text(block_of("cmake", "find_package"))
     (tmp_path / "example.cpp").write_text((ROOT / "tests/cpp/example.cpp").read_text())
-    run(TOOLS / "cmake", "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={prefix}")
+    run(*CONFIGURE, "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={prefix}")
 
 
 def test_golden_vectors_are_read_and_written_by_every_set_of_instructions(programs: Path) -> None:
@@ -99,7 +99,7 @@ def test_other_minor_version_is_refused(prefix: Path, tmp_path: Path) -> None:
         "cmake_minimum_required(VERSION 3.20)\nproject(other LANGUAGES CXX)\n"
         f"find_package(octobrick_codec {major}.{minor + 1} REQUIRED)\n"
     )
-    command = [TOOLS / "cmake", "-S", tmp_path, "-B", tmp_path / "build"]
+    command = [*CONFIGURE, "-S", tmp_path, "-B", tmp_path / "build"]
     command.append(f"-DCMAKE_PREFIX_PATH={prefix}")
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode != 0
