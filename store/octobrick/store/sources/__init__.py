@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.errors import UnsupportedSourceError
-from octobrick.store.sources.base import Description, Rescale, Source
+from octobrick.store.sources.base import Channel, Description, Pick, Rescale, Source
 from octobrick.store.sources.described import (
     RawOptions,
     complete,
@@ -27,7 +27,7 @@ from octobrick.store.sources.formats import (
 )
 from octobrick.store.sources.head import read_head, read_head_inflated
 
-__all__ = ["Description", "Rescale", "Source", "open_source"]
+__all__ = ["Channel", "Description", "Rescale", "Source", "open_source"]
 
 
 def open_source(
@@ -38,8 +38,10 @@ def open_source(
     spacing_zyx: Sequence[float] | None = None,
     offset_nbytes: int = 0,
     big_endian: bool = False,
+    dataset: str | None = None,
+    axes: str | None = None,
 ) -> Source:
-    """A file of any format that is read, open; close it, or use it as a context manager.
+    """A volume of any format that is read, open; close it, or use it as a context manager.
 
     Args:
         path: the file; of a header with a data file of its own, the header.
@@ -48,6 +50,8 @@ def open_source(
         spacing_zyx: distance of voxels; takes the place of what the header says.
         offset_nbytes: where the voxels of a raw file begin (after decompression).
         big_endian: whether a raw file has its most significant bytes first.
+        dataset: which volume of a file that holds several.
+        axes: the letters of the axes, slowest first, where a format does not name them.
 
     Raises:
         SourceNotFoundError: the file, or the data file it names, does not exist.
@@ -62,7 +66,7 @@ def open_source(
     head = (read_head_inflated if is_gz else read_head)(path, HEAD_NBYTES)
     known = recognise(path, head)
     if known is not None:
-        return _open_known(known, path, options)
+        return _open_known(known, path, options, Pick(dataset, axes))
     options = complete(path, options)
     foreign = foreign_name(head)
     if options.is_complete or (foreign is None and is_raw_name(path)):
@@ -70,7 +74,7 @@ def open_source(
     raise _unknown(path, foreign)
 
 
-def _open_known(known: Format, path: Path, options: RawOptions) -> Source:
+def _open_known(known: Format, path: Path, options: RawOptions, pick: Pick) -> Source:
     """Open a file that describes itself, of which a caller may only correct the spacing."""
     if given := options.given():
         raise InvalidInputError(
@@ -80,7 +84,7 @@ def _open_known(known: Format, path: Path, options: RawOptions) -> Source:
             options=given,
         )
     spacing_zyx = require_spacing(options.spacing_zyx, path)
-    source = known.open(path)
+    source = known.open(path, pick)
     if options.spacing_zyx is not None:
         source.spacing_zyx = spacing_zyx
     return source

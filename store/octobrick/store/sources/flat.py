@@ -61,11 +61,17 @@ class FlatSource(Source):
         nz, ny, nx = description.shape_zyx
         self._file_shape: Zyx = (nx, ny, nz) if layout.z_fastest else (nz, ny, nx)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The header, and the file of the voxels where it is another."""
+        voxels = self._layout.path
+        return (self.path,) if voxels == self.path else (self.path, voxels)
+
     @abstractmethod
     def _read_at(self, position: int, into: memoryview) -> None:
         """Fill ``into`` with bytes from ``position`` of the (decompressed) file."""
 
-    def _read(self, box: Box) -> npt.NDArray[Any]:
+    def _read(self, box: Box, t: int, c: int) -> npt.NDArray[Any]:  # noqa: ARG002
         out = _empty(box.shape_zyx, self.dtype, self.path)
         if self._layout.z_fastest:
             self._read_transposed(box, out)

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from octobrick.store.sources.base import Source
+from octobrick.codec.errors import InvalidInputError
+from octobrick.store.sources.base import Pick, Source
 from octobrick.store.sources.metaimage import is_metaimage, open_metaimage
 from octobrick.store.sources.nifti import is_nifti, open_nifti
 from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
@@ -26,16 +27,35 @@ class Format(NamedTuple):
     name: str
     suffixes: tuple[str, ...]
     is_it: Callable[[bytes], bool]
-    open: Callable[[Path], Source]
+    open: Callable[[Path, Pick], Source]
+
+
+def alone(open_file: Callable[[Path], Source]) -> Callable[[Path, Pick], Source]:
+    """The opener of a format whose files hold one volume and name its axes."""
+
+    def open_alone(path: Path, pick: Pick) -> Source:
+        if given := pick.given():
+            raise InvalidInputError(
+                f"{path}: holds one volume and says what its axes are; leave out "
+                f"{', '.join(given)}",
+                path=str(path),
+                options=given,
+            )
+        return open_file(path)
+
+    return open_alone
 
 
 FORMATS = (
     Format(
-        "NIfTI", (".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"), is_nifti, open_nifti
+        "NIfTI",
+        (".nii", ".nii.gz", ".hdr", ".hdr.gz", ".img", ".img.gz"),
+        is_nifti,
+        alone(open_nifti),
     ),
-    Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), open_nrrd),
-    Format("MetaImage", (".mhd", ".mha"), is_metaimage, open_metaimage),
-    Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), open_npy),
+    Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), alone(open_nrrd)),
+    Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
+    Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), alone(open_npy)),
 )
 
 # Not read, but told by name: offset, bytes, name.

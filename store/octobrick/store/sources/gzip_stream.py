@@ -232,9 +232,9 @@ class GzipSource(FlatSource):
         """True: going down in z decodes again from the last mark before."""
         return True
 
-    def _read(self, box: Box) -> npt.NDArray[Any]:
+    def _read(self, box: Box, t: int, c: int) -> npt.NDArray[Any]:
         with self._lock:
-            return super()._read(box)
+            return super()._read(box, t, c)
 
     def _read_at(self, position: int, into: memoryview) -> None:
         self._reader.seek(position)

@@ -18,18 +18,21 @@ from octobrick.store.errors import SourceError, UnsupportedSourceError
 from octobrick.store.sources.base import Direction, Vector
 from octobrick.store.sources.head import printable
 
-READ_DTYPES = ("uint8", "int8", "uint16", "int16", "float32")
+READ_DTYPES = (
+    "uint8",
+    "int8",
+    "uint16",
+    "int16",
+    "float32",
+    "bool",
+    "uint32",
+    "int32",
+    "uint64",
+    "int64",
+    "float16",
+    "float64",
+)
 
-# What to convert the others to, as far as the type alone can tell.
-_CONVERSIONS = {
-    "bool": "uint8",
-    "uint32": "uint16",
-    "int32": "int16",
-    "uint64": "uint16",
-    "int64": "int16",
-    "float16": "float32",
-    "float64": "float32",
-}
 _QUOTED_AXES = 8
 _LPS_OF_RAS = (-1.0, -1.0, 1.0)
 
@@ -42,22 +45,14 @@ def require_dtype(dtype: np.dtype[Any] | str, path: Path) -> np.dtype[Any]:
         path: the file, for the message.
 
     Raises:
-        UnsupportedSourceError: naming the type and the conversion to do.
+        UnsupportedSourceError: naming the type and those that are read.
     """
     name = printable(dtype) if isinstance(dtype, str) else dtype.name
     if name in READ_DTYPES:
         return np.dtype(name)
-    target = _CONVERSIONS.get(name)
-    if target is None:
-        advice = "extract one scalar component and convert it to one of these"
-    else:
-        or_else = " (float32 where values do not fit)" if target.endswith("int16") else ""
-        advice = (
-            "convert them first, with numpy: "
-            f"numpy.save('{path.name.split('.')[0]}.npy', voxels.astype('{target}')){or_else}"
-        )
     raise UnsupportedSourceError(
-        f"{path}: voxels are {name}; those read are {', '.join(READ_DTYPES)}; {advice}",
+        f"{path}: voxels are {name}; those read are {', '.join(READ_DTYPES)}; extract one scalar "
+        "component and convert it to one of these",
         path=str(path),
         dtype=name,
     )
