@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from octobrick.codec import reference
+from octobrick.codec import reduce, reference
 from octobrick.store.pyramid import Layer, LevelStream, level_shapes
 
 
@@ -34,7 +34,7 @@ def test_layers_hold_their_voxels_and_one_plane_of_halo_however_the_planes_arriv
 
     shapes = level_shapes(shape, 8, nlevels)
     assert shapes == tuple(e.shape for e in expected)
-    stream = LevelStream(0, shapes, np.dtype(np.uint8), 8, check)
+    stream = LevelStream(0, shapes, np.dtype(np.uint8), 8, reduce.mean2, check)
     start, step = 0, 0
     while start < shape[0]:
         stream.push(voxels[start : start + pieces[step % len(pieces)]])

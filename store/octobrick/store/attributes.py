@@ -19,6 +19,7 @@ from octobrick.codec import S3dc
 from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Zyx, ceil_div
 from octobrick.store.errors import VolumeFormatError
+from octobrick.store.pyramid import REDUCERS
 from octobrick.store.shard import DIGEST_NBYTES
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
 from octobrick.store.zarr_codec import (
@@ -30,8 +31,6 @@ from octobrick.store.zarr_codec import (
 
 FORMAT_VERSION = 1
 BYTES_NAME = "bytes"
-REDUCER = "mean"
-
 # A reader allocates a brick and a shard index on the word of the metadata: these bound both.
 BRICK_MIN, BRICK_MAX = 8, 256
 SHARD_BRICKS_MAX = 64
@@ -66,6 +65,7 @@ class VolumeAttributes:
     nc: int
     spacing_zyx: tuple[float, float, float]
     unit: str | None
+    reducer: str
     levels: tuple[LevelAttributes, ...]
     value_range: tuple[Number, Number]
     window: tuple[Number, Number]
@@ -87,7 +87,7 @@ class VolumeAttributes:
             "channels": self.nc,
             "spacing": list(self.spacing_zyx),
             "unit": self.unit,
-            "reducer": REDUCER,
+            "reducer": self.reducer,
             "levels": [
                 {
                     "shape": list(level.shape_zyx),
@@ -120,8 +120,9 @@ class VolumeAttributes:
         dtype = checked.get("dtype", str)
         if dtype not in SUPPORTED_DTYPES:
             raise checked.wrong("dtype", f"one of {sorted(SUPPORTED_DTYPES)}")
-        if checked.get("reducer", str) != REDUCER:
-            raise checked.wrong("reducer", REDUCER)
+        reducer = checked.get("reducer", str)
+        if reducer not in REDUCERS:
+            raise checked.wrong("reducer", f"one of {', '.join(REDUCERS)}")
         z, y, x = checked.numbers("spacing", 3)
         if not min(z, y, x) > 0:
             raise checked.wrong("spacing", "positive")
@@ -134,6 +135,7 @@ class VolumeAttributes:
             nc=checked.count("channels"),
             spacing_zyx=(z, y, x),
             unit=checked.optional_text("unit"),
+            reducer=reducer,
             levels=checked.levels(),
             value_range=cast("tuple[Number, Number]", tuple(checked.numbers("value_range", 2))),
             window=cast("tuple[Number, Number]", tuple(checked.numbers("window", 2))),

@@ -1,7 +1,8 @@
 """Where an ingest writes: a folder beside the destination, renamed into place when complete.
 
 Until then nothing is visible under the destination's name. The folder is locked while an ingest
-runs, so two of them cannot write one volume; what a killed one left behind is cleared by the next.
+runs, so two of them cannot write one volume. What one left behind that was stopped, the next takes
+up if there is a checkpoint in it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from octobrick.codec.errors import CorruptDataError, InvalidInputError, UnsupportedError
 from octobrick.store.errors import DestinationBusyError, DestinationError, DestinationExistsError
+from octobrick.store.journal import has_checkpoint
 
 PARTIAL_SUFFIX = ".partial"
 _REPLACED_SUFFIX = ".replaced"
@@ -28,7 +31,10 @@ def partial_path(dest: Path) -> Path:
 
 @contextlib.contextmanager
 def staged(dest: Path, *, overwrite: bool) -> Iterator[Path]:
-    """An empty, locked folder that becomes ``dest`` when the block ends, and vanishes if it fails.
+    """A locked folder that becomes ``dest`` when the block ends.
+
+    It may hold what an ingest left that was stopped; `clear` empties it. If the block fails, the
+    folder stays where another run can go on from a checkpoint in it, and vanishes otherwise.
 
     Raises:
         DestinationExistsError: there is something at ``dest`` and ``overwrite`` is not set, or it
@@ -42,16 +48,27 @@ def staged(dest: Path, *, overwrite: bool) -> Iterator[Path]:
         partial.mkdir(parents=True, exist_ok=True)
         lock = _lock(dest, partial)
         try:
-            _clear(partial)
             try:
                 yield partial
                 _sync_folders(partial)
                 _put_in_place(partial, dest, overwrite=overwrite)
-            except BaseException:
-                shutil.rmtree(partial, ignore_errors=True)
+            except BaseException as error:
+                if not (has_checkpoint(partial) and _can_go_on_after(error)):
+                    shutil.rmtree(partial, ignore_errors=True)
                 raise
         finally:
             os.close(lock)
+
+
+def _can_go_on_after(error: BaseException) -> bool:
+    """Whether the same command may succeed later: what was wrong is not in the voxels or options.
+
+    A source that the system stopped reading (a lost disk or share) may be there again; one whose
+    bytes make no sense will make none the next time.
+    """
+    if isinstance(error, (InvalidInputError, CorruptDataError, UnsupportedError)):
+        return isinstance(error.__cause__, OSError)
+    return True
 
 
 def _refuse_existing(dest: Path, *, overwrite: bool) -> None:
@@ -85,7 +102,8 @@ def _lock(dest: Path, partial: Path) -> int:
     return descriptor
 
 
-def _clear(partial: Path) -> None:
+def clear(partial: Path) -> None:
+    """Empty the folder but for its lock."""
     for entry in partial.iterdir():
         if entry.name == _LOCK_NAME:
             continue
@@ -117,6 +135,12 @@ def _put_in_place(partial: Path, dest: Path, *, overwrite: bool) -> None:
         raise
     _sync(dest.parent)
     shutil.rmtree(replaced, ignore_errors=True)
+
+
+def _what_remains(dest: Path) -> str:
+    if has_checkpoint(partial_path(dest)):
+        return f"It goes on from the last checkpoint, in {partial_path(dest)}"
+    return "Nothing was left behind"
 
 
 def _sync_folders(partial: Path) -> None:
@@ -153,7 +177,7 @@ def _explained(dest: Path) -> Iterator[None]:
         raise DestinationError(
             f"{dest}: cannot be written: {error.strerror or error}"
             f"{f' ({error.filename})' if error.filename else ''}; {advice} and run the ingest "
-            "again. Nothing was left behind",
+            f"again. {_what_remains(dest)}",
             path=str(dest),
             errno=error.errno,
         ) from error

@@ -69,3 +69,15 @@ class DestinationError(ResourceError):
     """The system refuses to write the destination (space, permissions): make room or choose."""
 
     kind = "destination"
+
+
+class ResumeError(ConflictError):
+    """An unfinished ingest here was made from another source or with other options."""
+
+    kind = "cannot-resume"
+
+
+class IngestCancelledError(ConflictError):
+    """An ingest was cancelled before its end: run it again to go on."""
+
+    kind = "cancelled"

@@ -18,7 +18,6 @@ from zarr.codecs import BytesCodec, ZstdCodec
 
 from octobrick.codec import S3dc
 from octobrick.store.attributes import VolumeAttributes
-from octobrick.store.box import Zyx
 from octobrick.store.zarr_codec import S3dcZarrCodec
 
 MANIFEST_NAME = "manifest.json"
@@ -30,7 +29,7 @@ _SMALL_CHUNK = 64  # bricks per axis in a chunk of ranges or fidelity: at most 2
 def level_array(
     root: zarr.Group,
     path: str,
-    shape_zyx: Zyx,
+    shape_tczyx: tuple[int, int, int, int, int],
     dtype: np.dtype[np.generic],
     *,
     codec: S3dc | None,
@@ -38,10 +37,10 @@ def level_array(
     shard_bricks: int,
     zstd_level: int,
 ) -> None:
-    """Create the (still empty) array of one level."""
+    """Write the metadata of the array of one level, whose shards are there."""
     root.create_array(
         path,
-        shape=(1, 1, *shape_zyx),
+        shape=shape_tczyx,
         dtype=dtype,
         chunks=(1, 1, *(brick,) * 3),
         shards=(1, 1, *(brick * shard_bricks,) * 3),
@@ -57,18 +56,18 @@ def level_array(
 
 
 def small_array(root: zarr.Group, path: str, values: NDArray[np.generic]) -> None:
-    """Write what is known per brick, (nz, ny, nx, 2), as an array (t, c, nz, ny, nx, 2)."""
-    nz, ny, nx, _ = values.shape
+    """Write what is known per brick, (t, c, nz, ny, nx, 2)."""
+    _, _, nz, ny, nx, _ = values.shape
     array = root.create_array(
         path,
-        shape=(1, 1, *values.shape),
+        shape=values.shape,
         dtype=values.dtype,
         chunks=(1, 1, *(min(n, _SMALL_CHUNK) for n in (nz, ny, nx)), 2),
         compressors=ZstdCodec(level=3, checksum=True),
         fill_value=0,
         dimension_names=(*_AXES, None),
     )
-    array[0, 0] = values
+    array[...] = values
 
 
 def ome_attributes(name: str, attributes: VolumeAttributes) -> dict[str, Any]:

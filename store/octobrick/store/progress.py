@@ -30,8 +30,17 @@ class ProgressMeter:
     def __init__(self, total_voxels: int, callback: ProgressCallback | None) -> None:
         self._total_voxels = total_voxels
         self._callback = callback
-        self._done_voxels = 0
+        self.begun_at_voxels = self.done_voxels = 0
         self._start_seconds = time.monotonic()
+
+    def begin_at(self, done_voxels: int) -> None:
+        """So many voxels were stored by an earlier run; they do not count for the rate."""
+        self.begun_at_voxels = self.done_voxels = done_voxels
+
+    @property
+    def new_voxels(self) -> int:
+        """Stored since the meter began."""
+        return self.done_voxels - self.begun_at_voxels
 
     @property
     def elapsed_seconds(self) -> float:
@@ -40,16 +49,16 @@ class ProgressMeter:
 
     def advance(self, nvoxels: int, phase: str) -> None:
         """Note that so many source voxels more are stored, and tell the callback."""
-        self._done_voxels += nvoxels
+        self.done_voxels += nvoxels
         if self._callback is None:
             return
         elapsed = self.elapsed_seconds
-        rate = self._done_voxels / elapsed if elapsed > 0 else 0.0
-        eta = (self._total_voxels - self._done_voxels) / rate if rate > 0 else None
+        rate = self.new_voxels / elapsed if elapsed > 0 else 0.0
+        eta = (self._total_voxels - self.done_voxels) / rate if rate > 0 else None
         self._callback(
             Progress(
                 phase=phase,
-                done_voxels=self._done_voxels,
+                done_voxels=self.done_voxels,
                 total_voxels=self._total_voxels,
                 elapsed_seconds=elapsed,
                 voxels_per_second=rate,

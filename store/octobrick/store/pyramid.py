@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,15 @@ from octobrick.codec import reduce
 from octobrick.store.box import Zyx
 
 Voxels = NDArray[np.generic]
+Reducer = Callable[[Voxels], Voxels]
+
+REDUCERS: dict[str, Reducer] = {
+    "mean": reduce.mean2,
+    "max": reduce.max2,
+    "min": reduce.min2,
+    "mode": reduce.mode2,
+    "nearest": reduce.nearest2,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +42,14 @@ class Layer:
     planes: Voxels
 
 
+class Held(NamedTuple):
+    """The state of one level: its next layer, and the planes held from ``first_z`` on."""
+
+    layer: int
+    first_z: int
+    planes: Voxels
+
+
 class LevelStream:
     """Gathers the planes of one level into layers, hands them out and feeds the next level.
 
@@ -40,6 +58,7 @@ class LevelStream:
         shapes_zyx: the shapes of all levels.
         dtype: sample type.
         brick: voxels per brick and axis; even, so that layers reduce without looking further.
+        reducer: makes the voxels of the next level.
         emit: called with each layer, in order, the finer levels' layers first.
     """
 
@@ -49,14 +68,16 @@ class LevelStream:
         shapes_zyx: tuple[Zyx, ...],
         dtype: np.dtype[np.generic],
         brick: int,
+        reducer: Reducer,
         emit: Callable[[Layer], None],
     ) -> None:
         self._level = level
         self._nz, ny, nx = shapes_zyx[level]
         self._brick = brick
+        self._reducer = reducer
         self._emit = emit
         self._coarser = (
-            LevelStream(level + 1, shapes_zyx, dtype, brick, emit)
+            LevelStream(level + 1, shapes_zyx, dtype, brick, reducer, emit)
             if level + 1 < len(shapes_zyx)
             else None
         )
@@ -74,6 +95,27 @@ class LevelStream:
             planes = planes[ntaken:]
             self._emit_if_complete()
 
+    @property
+    def nlayers_emitted(self) -> int:
+        """How many layers of this level are done."""
+        return self._layer
+
+    def held(self) -> list[Held]:
+        """What this level and the coarser ones have not handed out yet, or still need."""
+        mine = Held(self._layer, self._first_z, self._window[: self._nheld])
+        return [mine, *(self._coarser.held() if self._coarser else ())]
+
+    def restore(self, held: list[Held]) -> None:
+        """Go on where another stream was when `held` gave this."""
+        self._layer, self._first_z, self._nheld = (
+            held[0].layer,
+            held[0].first_z,
+            len(held[0].planes),
+        )
+        self._window[: self._nheld] = held[0].planes
+        if self._coarser is not None:
+            self._coarser.restore(held[1:])
+
     def _emit_if_complete(self) -> None:
         while self._layer * self._brick < self._nz:
             start_z = self._layer * self._brick
@@ -84,7 +126,7 @@ class LevelStream:
             self._emit(Layer(self._level, self._layer, self._first_z, self._window[: self._nheld]))
             if self._coarser is not None:
                 core = self._window[start_z - self._first_z : stop_z - self._first_z]
-                self._coarser.push(reduce.mean2(core))
+                self._coarser.push(self._reducer(core))
             self._layer += 1
             self._keep_from(stop_z - 1)
 

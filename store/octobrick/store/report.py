@@ -29,15 +29,22 @@ class LevelReport:
 
 @dataclass(frozen=True, slots=True)
 class IngestResult:
-    """The outcome of an ingest; rates count source voxels, uncompressed."""
+    """The outcome of an ingest; rates count source voxels, uncompressed.
+
+    ``resumed_voxels`` were stored by an earlier run that did not finish; time and rate are of the
+    rest.
+    """
 
     path: str
     revision: str
     source_format: str
     dtype: str
+    timepoints: int
+    channels: int
     shape_zyx: Zyx
     levels: tuple[LevelReport, ...]
     warnings: tuple[str, ...]
+    resumed_voxels: int
     elapsed_seconds: float
     megabytes_per_second: float
     peak_rss_nbytes: int

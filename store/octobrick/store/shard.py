@@ -32,6 +32,7 @@ ABSENT = 2**64 - 1
 DIGEST_NBYTES = 16  # blake2b; names content, and is no defence against a forger
 _CRC_NBYTES = 4
 _SLOT_NBYTES = 16
+_HASH_NBYTES = 1 << 20
 _OPEN_SHARDS_MAX = 128  # file descriptors and indexes a reader keeps; well under ulimit -n of 1024
 
 
@@ -50,6 +51,47 @@ class ShardWriter:
         self._nbytes = 0
         path.parent.mkdir(parents=True, exist_ok=True)
         self._part.unlink(missing_ok=True)
+
+    @classmethod
+    def resume(cls, path: Path, index: NDArray[np.uint64], nbytes: int) -> ShardWriter:
+        """Go on from a checkpoint: what was written since is cut off.
+
+        Raises:
+            OSError: the file is not there any more.
+            ValueError: it is shorter than it was.
+        """
+        part = path.with_name(path.name + ".part")
+        if not part.exists():  # it was finished after the checkpoint
+            path.rename(part)
+        digest = hashlib.blake2b(digest_size=DIGEST_NBYTES)
+        with part.open("r+b") as file:
+            left = nbytes
+            while left:
+                piece = file.read(min(left, _HASH_NBYTES))
+                if not piece:
+                    raise ValueError(f"{part}: {left} of {nbytes} bytes are missing")
+                digest.update(piece)
+                left -= len(piece)
+            file.truncate(nbytes)
+        writer = cls.__new__(cls)
+        writer.path, writer._part = path, part
+        writer._index, writer._nbytes, writer._digest = index.copy(), nbytes, digest
+        return writer
+
+    @property
+    def index(self) -> NDArray[np.uint64]:
+        """Offset and size of each brick so far, as in the file."""
+        return self._index
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes written so far."""
+        return self._nbytes
+
+    def sync(self) -> None:
+        """Make what was appended durable."""
+        with self._part.open("rb") as file:
+            os.fsync(file.fileno())
 
     def append(self, slot: int, frame: bytes) -> None:
         """Add the frame of the brick in this slot."""

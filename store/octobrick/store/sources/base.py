@@ -8,6 +8,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
@@ -157,8 +158,15 @@ class Source(ABC):
         as one on a server, says what it has instead (an entity tag).
         """
         stamps = [(path.name, status.st_size, status.st_mtime_ns) for path, status in self._stat()]
+        newest = datetime.fromtimestamp(max(ns for _, _, ns in stamps) / 1e9, tz=UTC)
         digest = hashlib.blake2b(json.dumps(stamps).encode(), digest_size=16).hexdigest()
-        return {**self.describe(), "nfiles": len(stamps), "files": digest}
+        return {
+            **self.describe(),
+            "nfiles": len(stamps),
+            "nbytes": sum(nbytes for _, nbytes, _ in stamps),
+            "modified": newest.isoformat(timespec="seconds"),
+            "digest": digest,
+        }
 
     def _stat(self) -> Iterator[tuple[Path, os.stat_result]]:
         for path in self.files:

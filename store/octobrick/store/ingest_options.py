@@ -1,0 +1,114 @@
+"""How a volume is stored, checked before anything is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from octobrick.codec import S3dc
+from octobrick.codec.errors import InvalidInputError
+from octobrick.store import attributes as attrs
+from octobrick.store.box import Box
+from octobrick.store.pyramid import REDUCERS
+from octobrick.store.sources import Source
+from octobrick.store.zarr_codec import require_volume_codec, s3dc_configuration
+
+DEFAULT_CODEC = S3dc(block=(8, 8, 8), bits=4)
+
+
+@dataclass(frozen=True, slots=True)
+class IngestOptions:
+    """The options of `ingest` that change what is stored, and how many work on it.
+
+    Raises:
+        InvalidInputError: naming the option, its value and what it may be.
+        UnsupportedError: a codec whose codes volumes cannot hold.
+    """
+
+    codec: S3dc | None
+    brick: int
+    shard: int
+    zstd_level: int
+    levels: int | None
+    reducer: str | None
+    labels: bool | None
+    convert: str | None
+    window: tuple[float, float] | None
+    region: Box | None
+    replace_nonfinite: float | None
+    workers: int | None
+    checkpoint_seconds: float
+
+    def __post_init__(self) -> None:
+        if self.codec is not None:
+            require_volume_codec(self.codec)
+        _require("brick", self.brick, attrs.BRICK_MIN, attrs.BRICK_MAX)
+        if self.brick % 2:
+            raise InvalidInputError(f"brick {self.brick}: must be even", brick=self.brick)
+        _require("shard", self.shard, 1, attrs.SHARD_BRICKS_MAX)
+        _require("zstd_level", self.zstd_level, 1, 19)
+        if self.levels is not None:
+            _require("levels", self.levels, 1, attrs.LEVELS_MAX)
+        if self.reducer is not None and self.reducer not in REDUCERS:
+            raise InvalidInputError(
+                f"reducer {self.reducer!r}: must be one of {', '.join(REDUCERS)}",
+                reducer=self.reducer,
+            )
+        if self.workers is not None:
+            _require("workers", self.workers, 1, 1024)
+        if self.replace_nonfinite is not None and not np.isfinite(self.replace_nonfinite):
+            raise InvalidInputError(f"replace_nonfinite {self.replace_nonfinite}: must be finite")
+        if not self.checkpoint_seconds >= 0:
+            raise InvalidInputError(
+                f"checkpoint_seconds {self.checkpoint_seconds}: must be 0 or more"
+            )
+
+    def reducer_of(self, source: Source) -> str:
+        """What makes the coarser levels: as asked, else the mode of labels and the mean."""
+        return self.reducer or ("mode" if self.has_labels(source) else "mean")
+
+    def codec_of(self, source: Source) -> S3dc | None:
+        """The bricks' code: as asked, else labels are kept exactly.
+
+        Raises:
+            InvalidInputError: a lossy codec was asked for, but a label has no neighbours.
+        """
+        if not self.has_labels(source) or self.codec is None:
+            return self.codec
+        if self.codec is not DEFAULT_CODEC:
+            raise InvalidInputError(
+                f"{source.path}: labels are stored exactly, not by {self.codec}; choose lossless, "
+                "or say that these voxels are quantities (labels=False)",
+                path=str(source.path),
+            )
+        return None
+
+    def has_labels(self, source: Source) -> bool:
+        """Whether voxels are names rather than quantities."""
+        return source.labels if self.labels is None else self.labels
+
+    def to_json(self) -> dict[str, Any]:
+        """Everything that the bytes of a volume depend on, beside its source."""
+        region = self.region and [list(self.region.start_zyx), list(self.region.stop_zyx)]
+        return {
+            "codec": None if self.codec is None else s3dc_configuration(self.codec),
+            "brick": self.brick,
+            "shard": self.shard,
+            "zstd_level": self.zstd_level,
+            "levels": self.levels,
+            "reducer": self.reducer,
+            "labels": self.labels,
+            "convert": self.convert,
+            "window": self.window and list(self.window),
+            "region": region,
+            "replace_nonfinite": self.replace_nonfinite,
+        }
+
+
+def _require(name: str, value: int, low: int, high: int) -> None:
+    if not low <= value <= high:
+        raise InvalidInputError(
+            f"{name} {value}: must be {low} to {high}", option=name, value=value
+        )

@@ -1,0 +1,43 @@
+"""A part of a source as a source: only its voxels are read, and it knows where it lies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from octobrick.store.box import Box, Zyx
+from octobrick.store.sources.base import Source
+from octobrick.store.sources.wrapped import WrappedSource
+
+
+class RegionSource(WrappedSource):
+    """The voxels of a box of another source, which it closes with itself.
+
+    Raises:
+        InvalidInputError: the box is empty or leaves the source.
+    """
+
+    def __init__(self, source: Source, box: Box) -> None:
+        box.require_within(source.shape_zyx, f"the region of {source.path}")
+        super().__init__(source)
+        self._start_zyx = box.start_zyx
+        self.shape_zyx: Zyx = box.shape_zyx
+        step_xyz = np.multiply(box.start_zyx, source.spacing_zyx)[::-1]
+        axes = np.eye(3) if source.direction is None else np.array(source.direction)
+        x, y, z = (np.array(source.origin_xyz) + axes @ step_xyz).tolist()
+        self.origin_xyz = (x, y, z)
+
+    def describe(self) -> dict[str, Any]:
+        """What the whole source says, and where the region begins in it."""
+        return super().describe() | {"region_start_zyx": list(self._start_zyx)}
+
+    def _read(self, box: Box, t: int, c: int) -> npt.NDArray[Any]:
+        return self._source.read(box.shift(self._start_zyx), t, c)
+
+    def _read_channels(self, box: Box, t: int) -> npt.NDArray[Any]:
+        return self._source.read_channels(box.shift(self._start_zyx), t)
+
+    def _constant(self, box: Box, t: int, c: int) -> float | None:
+        return self._source.constant(box.shift(self._start_zyx), t, c)

@@ -1,0 +1,29 @@
+"""A source on top of another: everything as there, but for what a subclass changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from octobrick.store.sources.base import Description, Source
+
+
+class WrappedSource(Source):
+    """Takes its description and files from another source, and closes it with itself."""
+
+    def __init__(self, source: Source) -> None:
+        names = Description.__slots__
+        super().__init__(source.path, Description(**{n: getattr(source, n) for n in names}))
+        self._source = source
+
+    @property
+    def ascending(self) -> bool:
+        """As the source below."""
+        return self._source.ascending
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """As the source below."""
+        return self._source.files
+
+    def _close(self) -> None:
+        self._source.close()
