@@ -69,7 +69,7 @@ def ingest(
         labels: whether voxels are names, not quantities; by default what the source says.
         convert: the sample type to store, where it is not the source's.
         window: the values that become the ends of the type that voxels are converted to.
-        region: the box of voxels to store, of the source; by default all.
+        region: the box of voxels to store, of the source; by default all. A stop of −1 is the end.
         replace_nonfinite: what stands for NaN and ±Inf; by default they are refused.
         overwrite: replace a volume that is already there.
         restart: forget what an ingest left that did not finish, instead of going on.

@@ -21,26 +21,38 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("path", type=click.Path(path_type=Path))
+@click.argument("path")
+@click.option("--dataset", help="Which volume of a file that holds several.")
+@click.option("--axes", help="Axes of an array that does not name them, such as tzyx or zyxs.")
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
-def info(path: Path, as_json: bool) -> None:
-    """Tell what is in PATH: a volume, or a file that could be ingested."""
+def info(path: str, dataset: str | None, axes: str | None, as_json: bool) -> None:
+    """Tell what is in PATH: a volume, or a file, folder, pattern or address to ingest."""
     from octobrick.store import open_volume
     from octobrick.store.sources import open_source
 
-    if path.is_dir() or path.suffix == ".zarr":
+    if _is_volume(Path(path)):
         with open_volume(path) as volume:
             if as_json:
                 click.echo(json.dumps(volume.metadata()))
             else:
                 _print_volume(volume)
         return
-    with open_source(path) as source:
+    with open_source(path, dataset=dataset, axes=axes) as source:
         description = source.describe()
     if as_json:
         click.echo(json.dumps(description))
     else:
         _print_fields(description)
+
+
+def _is_volume(path: Path) -> bool:
+    """Whether a path is, or is named as, one of our volumes; another's Zarr is a source."""
+    from octobrick.store.destination import partial_path
+    from octobrick.store.layout import MANIFEST_NAME
+
+    if path.is_dir():
+        return (path / MANIFEST_NAME).exists()
+    return path.suffix == ".zarr" or partial_path(path).is_dir()
 
 
 def _print_volume(volume: Volume) -> None:

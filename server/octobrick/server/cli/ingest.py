@@ -6,6 +6,7 @@ import contextlib
 import json
 import math
 import signal
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,22 +22,22 @@ from octobrick.server.cli.text import (
     format_shape,
     print_table,
 )
-from octobrick.server.cli.values import numbers
+from octobrick.server.cli.values import box, numbers
 
 if TYPE_CHECKING:
+    from types import FrameType
+
     from octobrick.codec import S3dc
     from octobrick.store import IngestResult
 
 
 @click.command()
-@click.argument("source", type=click.Path(path_type=Path))
+@click.argument("source")
 @click.argument("dest", type=click.Path(path_type=Path))
 @click.option(
     "--codec",
     type=click.Choice(["s3dc", "lossless"]),
-    default="s3dc",
-    show_default=True,
-    help="How bricks are compressed before zstd.",
+    help="How bricks are compressed before zstd.  [default: s3dc, of labels lossless]",
 )
 @click.option("--bits", type=int, help="Bits of an S3Dc index, 1 to 8.  [default: 4]")
 @click.option("--block", type=int, help="Voxels along each side of an S3Dc block.  [default: 8]")
@@ -44,6 +45,31 @@ if TYPE_CHECKING:
     "--brick", type=int, default=64, show_default=True, help="Voxels along each side of a brick."
 )
 @click.option("--levels", type=int, help="Levels of the pyramid.  [default: until one brick]")
+@click.option(
+    "--reducer",
+    type=click.Choice(["mean", "max", "min", "mode", "nearest"]),
+    help="What makes a coarser voxel of 2×2×2.  [default: mean, of labels mode]",
+)
+@click.option(
+    "--labels/--no-labels",
+    default=None,
+    help="Voxels are names: keep them exactly, reduce by mode.  [default: as the source says]",
+)
+@click.option("--convert", metavar="TYPE", help="Store voxels as TYPE, such as uint16.")
+@click.option(
+    "--window",
+    metavar="LOW,HIGH",
+    callback=numbers(float, "0,4095"),
+    help="Values that become the ends of the integer TYPE.",
+)
+@click.option(
+    "--region",
+    metavar="BOX",
+    callback=box,
+    help="Store only these voxels, such as 0:64,100:612,:",
+)
+@click.option("--dataset", help="Which volume of a file that holds several.")
+@click.option("--axes", help="Axes of an array that does not name them, such as tzyx or zyxs.")
 @click.option(
     "--shape", metavar="Z,Y,X", callback=numbers(int, "64,512,512"), help="Voxels of a raw file."
 )
@@ -62,34 +88,39 @@ if TYPE_CHECKING:
     "--replace-nonfinite", type=float, metavar="VALUE", help="What stands for NaN and infinities."
 )
 @click.option("--overwrite", is_flag=True, help="Replace a volume that is at DEST already.")
+@click.option("--restart", is_flag=True, help="Forget an ingest that did not finish.")
 @click.option("--workers", type=int, help="Encoding threads.  [default: one per processor]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked).")
 def ingest(
-    source: Path,
+    source: str,
     dest: Path,
-    codec: str,
+    codec: str | None,
     bits: int | None,
     block: int | None,
     as_json: bool,
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Compress the volume in the file SOURCE into the folder DEST (by custom NAME.zarr).
+    """Compress the volume in SOURCE into the folder DEST (by custom NAME.zarr).
 
-    SOURCE is NIfTI, NRRD, MetaImage, NumPy, or raw with --shape and --dtype. DEST appears when it
-    is complete; an ingest that fails or is interrupted leaves nothing behind.
+    SOURCE is a file, folder, pattern or address in a format that docs/formats.md lists, or raw
+    voxels with --shape and --dtype. DEST appears when it is complete. An ingest that was stopped,
+    by Ctrl-C, a full disk or a crash, goes on where it was when the same command is run again.
     """
     from octobrick import store
     from octobrick.server.cli.progress import ProgressReport
+    from octobrick.store.errors import IngestCancelledError
 
     chosen = _codec(codec, bits, block)
     try:
-        with _stoppable():
+        with _stoppable() as cancel:
             itemsize = _announce(source, options, quiet=quiet or as_json)
             with ProgressReport(itemsize, quiet=quiet) as progress:
-                result = store.ingest(source, dest, codec=chosen, progress=progress, **options)
-    except KeyboardInterrupt:
+                result = store.ingest(
+                    source, dest, codec=chosen, progress=progress, cancel=cancel, **options
+                )
+    except (KeyboardInterrupt, IngestCancelledError):
         click.echo(f"octobrick: interrupted; {_remains(dest)}", err=True)
         raise click.exceptions.Exit(EXIT_INTERRUPTED) from None
     if as_json:
@@ -98,10 +129,13 @@ def ingest(
         _print_result(result)
 
 
-def _codec(name: str, bits: int | None, block: int | None) -> S3dc | None:
+def _codec(name: str | None, bits: int | None, block: int | None) -> S3dc | None:
     from octobrick.codec import S3dc
+    from octobrick.store.ingest_options import DEFAULT_CODEC
 
-    if name == "s3dc":
+    if name is None and bits is None and block is None:
+        return DEFAULT_CODEC
+    if name != "lossless":
         side = 8 if block is None else block
         return S3dc(block=(side, side, side), bits=4 if bits is None else bits)
     if bits is not None or block is not None:
@@ -109,7 +143,7 @@ def _codec(name: str, bits: int | None, block: int | None) -> S3dc | None:
     return None
 
 
-def _announce(source: Path, options: dict[str, Any], *, quiet: bool) -> int:
+def _announce(source: str, options: dict[str, Any], *, quiet: bool) -> int:
     """Say what is in the source; returns the bytes of a voxel."""
     from octobrick.store.sources import open_source
 
@@ -120,31 +154,51 @@ def _announce(source: Path, options: dict[str, Any], *, quiet: bool) -> int:
         spacing_zyx=options["spacing"],
         offset_nbytes=options["offset"],
         big_endian=options["big_endian"],
+        dataset=options["dataset"],
+        axes=options["axes"],
     ) as opened:
         itemsize = opened.dtype.itemsize
         if not quiet:
             shape_zyx = opened.shape_zyx
             click.echo(
-                f"{source.name}: {opened.format}, {opened.dtype}, {format_shape(shape_zyx)} voxels "
-                f"(z×y×x), {format_nbytes(math.prod(shape_zyx) * itemsize)}"
+                f"{opened.path.name}: {opened.format}, {opened.dtype}, "
+                f"{_parts(opened.nt, opened.nc)}{format_shape(shape_zyx)} voxels (z×y×x), "
+                f"{format_nbytes(math.prod(shape_zyx) * opened.nt * opened.nc * itemsize)}"
             )
         return itemsize
 
 
 @contextlib.contextmanager
-def _stoppable() -> Iterator[None]:
-    """Let SIGTERM stop an ingest as tidily as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+def _stoppable() -> Iterator[threading.Event]:
+    """An event that Ctrl-C and SIGTERM set; a second one stops at once, without a checkpoint."""
+    cancel = threading.Event()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        if cancel.is_set():
+            signal.default_int_handler(number, frame)
+        cancel.set()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield cancel
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _parts(nt: int, nc: int) -> str:
+    """How many time steps and channels, where there are several."""
+    steps = f"{nt} time steps, " if nt > 1 else ""
+    return steps + (f"{nc} channels, " if nc > 1 else "")
 
 
 def _remains(dest: Path) -> str:
     from octobrick.store.destination import partial_path
+    from octobrick.store.journal import has_checkpoint
 
     partial = partial_path(dest)
+    if has_checkpoint(partial):
+        return f"run the same command again to go on from the checkpoint in {partial}"
     if partial.exists():
         return f"{partial} could not be removed, and can be"
     return f"nothing was left behind at {dest}"
@@ -168,6 +222,8 @@ def _print_result(result: IngestResult) -> None:
     )
     nbytes = sum(level.nbytes for level in result.levels)
     stored_nbytes = sum(level.stored_nbytes for level in result.levels)
+    if result.resumed_voxels:
+        click.echo(f"went on after {result.resumed_voxels / 1e6:.0f} Mvoxel of an earlier run")
     click.echo(
         f"{format_nbytes(nbytes)} in {len(result.levels)} levels became "
         f"{format_nbytes(stored_nbytes)}, {format_ratio(nbytes, stored_nbytes)} times smaller, in "

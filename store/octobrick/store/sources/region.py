@@ -15,11 +15,18 @@ from octobrick.store.sources.wrapped import WrappedSource
 class RegionSource(WrappedSource):
     """The voxels of a box of another source, which it closes with itself.
 
+    An end of −1 stands for the end of the source.
+
     Raises:
         InvalidInputError: the box is empty or leaves the source.
     """
 
     def __init__(self, source: Source, box: Box) -> None:
+        z, y, x = (
+            n if stop == -1 else stop
+            for n, stop in zip(source.shape_zyx, box.stop_zyx, strict=True)
+        )
+        box = Box(box.start_zyx, (z, y, x))
         box.require_within(source.shape_zyx, f"the region of {source.path}")
         super().__init__(source)
         self._start_zyx = box.start_zyx
