@@ -237,7 +237,7 @@ def test_bad_serve_is_refused_before_it_starts(
 def test_unexpected_error_shows_its_traceback_only_on_demand(
     run: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("what now")
 
     monkeypatch.setattr("octobrick.store.sources.open_source", fail)
