@@ -81,3 +81,9 @@ class IngestCancelledError(ConflictError):
     """An ingest was cancelled before its end: run it again to go on."""
 
     kind = "cancelled"
+
+
+class SourceMismatchError(ConflictError):
+    """A source is not the one that a volume was made from: give that one, or ingest again."""
+
+    kind = "source-mismatch"

@@ -118,7 +118,7 @@ class LevelWriter:
     def _note(self, brick_zyx: Zyx, encoded: EncodedBrick) -> None:
         record, at = self._record, (*self._tc, *brick_zyx)
         record.ranges[at] = (encoded.low, encoded.high)
-        record.fidelity[at] = (_round_up(encoded.errors.max_abs), encoded.errors.rmse)
+        record.fidelity[at] = (round_up(encoded.errors.max_abs), encoded.errors.rmse)
         record.errors = record.errors + encoded.errors
         if encoded.frame is None:
             return
@@ -140,7 +140,7 @@ class LevelWriter:
         self.shards_under_way.clear()
 
 
-def _round_up(value: float) -> np.float32:
+def round_up(value: float) -> np.float32:
     """The float32 at or above a value: a stated bound must not be below the true one."""
     rounded = np.float32(value)
     return rounded if rounded >= value else np.nextafter(rounded, np.float32(np.inf))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -17,15 +17,13 @@ from octobrick.codec.errors import CorruptBrickError, InvalidInputError
 from octobrick.store import frame as zstd_frame
 from octobrick.store.attributes import Number, VolumeAttributes
 from octobrick.store.box import Box, Zyx, cell_box, cells_touching, grid_of
-from octobrick.store.destination import partial_path
 from octobrick.store.errors import (
-    IncompleteVolumeError,
     VolumeFormatError,
-    VolumeNotFoundError,
 )
-from octobrick.store.layout import MANIFEST_NAME, METADATA_NBYTES_MAX
+from octobrick.store.layout import MANIFEST_NAME
 from octobrick.store.level import Level, Xyz
-from octobrick.store.shard import ShardCache
+from octobrick.store.shard import ShardCache, shard_key
+from octobrick.store.volume_files import read_json, shard_entries
 
 Voxels = NDArray[np.generic]
 
@@ -52,21 +50,23 @@ class Volume:
         name: the folder's name without ``.zarr``.
         revision: digest of the content; a brick's bytes never change under one revision.
         levels: the pyramid, finest first.
+        shard_entries: size and digest of every stored shard, by its path below the volume.
     """
 
     path: Path
     name: str
     revision: str
     levels: tuple[Level, ...]
+    shard_entries: Mapping[str, tuple[int, str]]
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.name = path.name.removesuffix(".zarr")
-        root = _read_json(path / "zarr.json", path)
+        root = read_json(path / "zarr.json", path)
         where = str(path / "zarr.json")
         fields = root.get("attributes", {}).get("octobrick") if isinstance(root, dict) else None
         self._attributes = VolumeAttributes.from_json(fields, where)
-        manifest = _read_json(path / MANIFEST_NAME, path)
+        manifest = read_json(path / MANIFEST_NAME, path)
         expected = self._attributes.revision(manifest)
         self.revision = fields["revision"] if isinstance(fields, dict) else ""
         if self.revision != expected:
@@ -75,8 +75,9 @@ class Volume:
                 f"which give {expected}; restore the files or ingest the volume again",
                 path=str(path),
             )
+        self.shard_entries = shard_entries(manifest, path)
         self.levels = tuple(self._make_level(i) for i in range(len(self._attributes.levels)))
-        self._shards = [self._make_cache(i, manifest) for i in range(len(self.levels))]
+        self._shards = [self._make_cache(i) for i in range(len(self.levels))]
 
     def __enter__(self) -> Self:
         return self
@@ -111,6 +112,11 @@ class Volume:
     def brick_shape_zyx(self) -> Zyx:
         """Voxels per brick."""
         return (self._attributes.brick,) * 3
+
+    @property
+    def shard_shape_zyx(self) -> Zyx:
+        """Bricks per shard."""
+        return (self._attributes.shard_bricks,) * 3
 
     @property
     def nt(self) -> int:
@@ -238,6 +244,22 @@ class Volume:
             out[wanted.shift((-z, -y, -x)).slices] = brick[wanted.shift((-bz, -by, -bx)).slices]
         return out
 
+    def shard_key(self, brick_zyx: Zyx, t: int = 0, c: int = 0) -> str:
+        """The path of the shard that holds, or would hold, a brick, below its level."""
+        return shard_key(brick_zyx, self.shard_shape_zyx, t, c)
+
+    def shard_bricks(self, level: int, t: int = 0, c: int = 0) -> Iterator[tuple[str, list[Zyx]]]:
+        """The keys of all shards of a level, stored or not, each with its bricks.
+
+        Raises:
+            InvalidInputError: there is no such level.
+        """
+        grid = Box.of_shape(self.level(level).grid_zyx)
+        for shard in cells_touching(grid, self.shard_shape_zyx):
+            bricks = cell_box(shard, self.shard_shape_zyx).intersect(grid)
+            whole = list(cells_touching(bricks, (1, 1, 1)))
+            yield self.shard_key(whole[0], t, c), whole
+
     @cached_property
     def code_nbytes(self) -> int:
         """Bytes of a brick's code, the same for every brick."""
@@ -302,22 +324,14 @@ class Volume:
             psnr_db=stored.psnr_db,
         )
 
-    def _make_cache(self, level: int, manifest: Any) -> ShardCache:
+    def _make_cache(self, level: int) -> ShardCache:
         prefix = f"{level}/"
-        try:
-            shard_nbytes = {
-                path.removeprefix(prefix): int(entry["nbytes"])
-                for path, entry in manifest["shards"].items()
-                if path.startswith(prefix)
-            }
-        except (AttributeError, KeyError, TypeError, ValueError):
-            raise VolumeFormatError(
-                f"{self.path / MANIFEST_NAME}: not a manifest of shards; restore the file or "
-                "ingest the volume again",
-                path=str(self.path),
-            ) from None
-        shard_zyx = (self._attributes.shard_bricks,) * 3
-        return ShardCache(self.path / str(level), shard_zyx, shard_nbytes)
+        shard_nbytes = {
+            path.removeprefix(prefix): nbytes
+            for path, (nbytes, _) in self.shard_entries.items()
+            if path.startswith(prefix)
+        }
+        return ShardCache(self.path / str(level), self.shard_shape_zyx, shard_nbytes)
 
     def _require_brick(self, level: int, zyx: Zyx, t: int, c: int) -> None:
         grid_zyx = self.level(level).grid_zyx
@@ -341,40 +355,3 @@ class Volume:
             f"{error.message}; restore the file or ingest the volume again",
             **facts,
         )
-
-
-def _read_json(file: Path, volume: Path) -> Any:
-    try:
-        if file.stat().st_size > METADATA_NBYTES_MAX:
-            raise VolumeFormatError(
-                f"{file}: {file.stat().st_size} bytes of metadata, at most "
-                f"{METADATA_NBYTES_MAX} are read",
-                path=str(volume),
-            )
-        return json.loads(file.read_bytes())
-    except (FileNotFoundError, NotADirectoryError):
-        raise _explain_absence(file, volume) from None
-    except (ValueError, RecursionError) as error:
-        raise VolumeFormatError(
-            f"{file}: not valid JSON ({error}); restore the file or ingest the volume again",
-            path=str(volume),
-        ) from error
-
-
-def _explain_absence(file: Path, volume: Path) -> Exception:
-    if partial_path(volume).is_dir() and not volume.exists():
-        return IncompleteVolumeError(
-            f"{volume}: incomplete, an ingest into it did not finish or still runs; wait for it, "
-            "or run it again",
-            path=str(volume),
-        )
-    if not volume.exists():
-        return VolumeNotFoundError(
-            f"{volume}: no such volume; check the path, or make one with `octobrick ingest`",
-            path=str(volume),
-        )
-    return VolumeFormatError(
-        f"{volume}: {file.name} is missing, so this is no volume of octobrick; make one with "
-        "`octobrick ingest`",
-        path=str(volume),
-    )

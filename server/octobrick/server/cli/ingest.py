@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from octobrick.server.cli.failure import EXIT_INTERRUPTED
+from octobrick.server.cli.source_options import open_given, source_options
 from octobrick.server.cli.text import (
     format_nbytes,
     format_psnr,
@@ -68,22 +69,7 @@ if TYPE_CHECKING:
     callback=box,
     help="Store only these voxels, such as 0:64,100:612,:",
 )
-@click.option("--dataset", help="Which volume of a file that holds several.")
-@click.option("--axes", help="Axes of an array that does not name them, such as tzyx or zyxs.")
-@click.option(
-    "--shape", metavar="Z,Y,X", callback=numbers(int, "64,512,512"), help="Voxels of a raw file."
-)
-@click.option("--dtype", help="Sample type of a raw file, such as uint16.")
-@click.option(
-    "--spacing",
-    metavar="Z,Y,X",
-    callback=numbers(float, "1.5,0.9,0.9"),
-    help="Voxel size, where the file does not say it.",
-)
-@click.option(
-    "--offset", type=int, default=0, show_default=True, help="Bytes before a raw file's voxels."
-)
-@click.option("--big-endian", is_flag=True, help="Byte order of a raw file.")
+@source_options
 @click.option(
     "--replace-nonfinite", type=float, metavar="VALUE", help="What stands for NaN and infinities."
 )
@@ -145,18 +131,7 @@ def _codec(name: str | None, bits: int | None, block: int | None) -> S3dc | None
 
 def _announce(source: str, options: dict[str, Any], *, quiet: bool) -> int:
     """Say what is in the source; returns the bytes of a voxel."""
-    from octobrick.store.sources import open_source
-
-    with open_source(
-        source,
-        shape_zyx=options["shape"],
-        dtype=options["dtype"],
-        spacing_zyx=options["spacing"],
-        offset_nbytes=options["offset"],
-        big_endian=options["big_endian"],
-        dataset=options["dataset"],
-        axes=options["axes"],
-    ) as opened:
+    with open_given(source, options) as opened:
         itemsize = opened.dtype.itemsize
         if not quiet:
             shape_zyx = opened.shape_zyx

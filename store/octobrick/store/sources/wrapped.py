@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from octobrick.store.sources.base import Description, Source
 
@@ -24,6 +25,14 @@ class WrappedSource(Source):
     def files(self) -> tuple[Path, ...]:
         """As the source below."""
         return self._source.files
+
+    def describe(self) -> dict[str, Any]:
+        """What the source below says, with what is different here."""
+        return self._source.describe() | super().describe()
+
+    def fingerprint(self) -> dict[str, Any]:
+        """That of the source below, with what is different here."""
+        return self._source.fingerprint() | self.describe()
 
     def _close(self) -> None:
         self._source.close()
