@@ -37,3 +37,26 @@ def test_a_stored_volume_looks_as_in_memory(
             np.testing.assert_array_equal(found.premultiplied, wanted.premultiplied)
             assert found.fidelity == wanted.fidelity
             assert found.stats.bricks == wanted.stats.bricks
+
+
+def test_bricks_that_the_gpu_does_not_decode_look_as_their_voxels_do(
+    renderer: Renderer, blobs: NDArray[np.uint8], tmp_path: Path
+) -> None:
+    np.save(tmp_path / "blobs.npy", blobs)
+    codec = S3dc((4, 4, 4), max_error=9)
+    ingest(tmp_path / "blobs.npy", tmp_path / "blobs.zarr", codec=codec, brick=16, levels=1)
+    with open_volume(tmp_path / "blobs.zarr") as volume:
+        memory = ArraySource(volume.read(0), codec=None, brick=16)
+        found, wanted = (
+            renderer.render(
+                each,
+                Camera.orbit(volume, 30, 20),
+                TransferFunction.preset("ct-soft-tissue"),
+                (50, 40),
+                window=(0, 250),
+                level=0,
+            )
+            for each in (volume, memory)
+        )
+        np.testing.assert_array_equal(found.rgba, wanted.rgba)
+        assert found.fidelity.max_error == volume.fidelity(0)[..., 0].max() > 0

@@ -12,6 +12,7 @@ import zarr
 from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError, OctobrickError, UnsupportedError
 from octobrick.store import Volume
+from octobrick.store.verify import verify
 from octobrick.store.zarr_codec import S3dcZarrCodec
 
 from .conftest import smooth
@@ -86,9 +87,27 @@ def test_zarr_python_writes_and_reads_through_our_codec(
 
 
 def test_volumes_of_codes_that_no_renderer_decodes_are_refused(ingested: Ingested) -> None:
-    for codec in (S3dc(max_error=2), S3dc(bits=4, scale="trained")):
-        with pytest.raises(UnsupportedError, match="fixed rate and with a linear scale"):
-            ingested(smooth((8, 8, 8), "uint8"), codec=codec, brick=8, shard=2)
+    with pytest.raises(UnsupportedError, match="with a linear scale"):
+        ingested(smooth((8, 8, 8)), codec=S3dc(bits=4, scale="trained"), brick=8, shard=2)
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "int16", "float32"])
+def test_a_volume_with_a_bound_keeps_it_and_is_read_by_zarr(ingested: Ingested, dtype: str) -> None:
+    voxels = smooth((40, 50, 30), dtype)
+    volume = ingested(voxels, codec=S3dc((4, 4, 4), max_error=3), brick=16, shard=2)
+    found = volume.read(0)
+    assert np.abs(found.astype(np.float64) - voxels).max() <= 3
+    assert all(level.max_error <= 3 for level in volume.levels)
+    assert verify(volume.path).sound
+    np.testing.assert_array_equal(zarr.open_array(volume.path / "0", mode="r")[0, 0], found)
+
+
+def test_a_volume_with_a_budget_stays_below_it(ingested: Ingested) -> None:
+    volume = ingested(smooth((64, 64, 64)), codec=S3dc((4, 4, 4), bits_per_voxel=2), levels=1)
+    code = volume.brick_code(0, (0, 0, 0))
+    assert code is not None
+    assert len(code) * 8 <= 2 * 64**3
+    assert verify(volume.path).sound
 
 
 def test_an_array_that_the_codec_cannot_hold_is_refused_when_it_is_made() -> None:

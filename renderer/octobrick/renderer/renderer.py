@@ -23,6 +23,7 @@ from octobrick.renderer.cells import CellGrid, bricks_of
 from octobrick.renderer.classifier import Classifier, ValueScale, checked_window
 from octobrick.renderer.code_layout import CodeLayout
 from octobrick.renderer.context import GraphicsContext
+from octobrick.renderer.decoded_bricks import drawable
 from octobrick.renderer.empty_space import EmptySpace
 from octobrick.renderer.errors import PictureTooLargeError
 from octobrick.renderer.image import (
@@ -188,7 +189,7 @@ class Renderer:
         """
         started = time.perf_counter()
         request = _Request(
-            volume,
+            drawable(volume),
             camera,
             transfer_function,
             checked_size(size, self._context.picture_side_max),

@@ -31,8 +31,8 @@ def compress(content: bytes | memoryview, level: int) -> bytes:
     return context.compress(content)
 
 
-def decompress(frame: bytes, content_nbytes: int) -> bytes:
-    """The content of a frame that must be exactly ``content_nbytes`` long.
+def decompress(frame: bytes, content_nbytes: int, *, at_most: bool = False) -> bytes:
+    """The content of a frame that must be exactly, or at most, ``content_nbytes`` long.
 
     Nothing is allocated on the word of the frame alone. Thread-safe; releases the GIL.
 
@@ -44,13 +44,15 @@ def decompress(frame: bytes, content_nbytes: int) -> bytes:
         parameters = zstandard.get_frame_parameters(frame)
     except zstandard.ZstdError as error:
         raise CorruptBrickError(f"not a zstd frame ({error})", nbytes=len(frame)) from None
-    if parameters.content_size != content_nbytes:
+    fits = parameters.content_size <= content_nbytes  # 2^64 − 1 and − 2 where there is none
+    if not (fits if at_most else parameters.content_size == content_nbytes):
         raise CorruptBrickError(
             f"the zstd frame announces {parameters.content_size} bytes of content, "
-            f"the brick's codec needs {content_nbytes}",
+            f"the brick's codec needs {'at most ' if at_most else ''}{content_nbytes}",
             announced_nbytes=parameters.content_size,
             expected_nbytes=content_nbytes,
         )
+    content_nbytes = parameters.content_size
     try:
         return _decompressor().decompress(
             frame, max_output_size=content_nbytes, allow_extra_data=False

@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from octobrick.codec.errors import CorruptDataError
-from octobrick.store import frame as zstd_frame
 from octobrick.store.brick_encoder import EncodedBrick
 from octobrick.store.level_writer import round_up
 from octobrick.store.progress import ProgressCallback, ProgressMeter
@@ -78,8 +77,7 @@ class _Comparison:
             stored = self._volume.brick_code(level, brick_zyx, t, c)
         except CorruptDataError:
             return  # verify has said so
-        nbytes = self._volume.code_nbytes
-        made = None if encoded.frame is None else zstd_frame.decompress(encoded.frame, nbytes)
+        made = None if encoded.frame is None else self._volume.decompressed(encoded.frame)
         if stored != made:
             self._add("voxels", address, "does not hold the voxels of the source")
         ranges = self._table("ranges", level, t, c)

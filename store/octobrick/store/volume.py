@@ -200,7 +200,7 @@ class Volume:
         if stored is None:
             return None
         try:
-            return zstd_frame.decompress(stored, self.code_nbytes)
+            return self.decompressed(stored)
         except CorruptBrickError as error:
             raise self._located(error, level, zyx, t, c) from error
 
@@ -260,12 +260,28 @@ class Volume:
             whole = list(cells_touching(bricks, (1, 1, 1)))
             yield self.shard_key(whole[0], t, c), whole
 
+    def decompressed(self, stored: bytes) -> bytes:
+        """What `stored_brick` gave, without the entropy layer.
+
+        Raises:
+            CorruptBrickError: the frame is damaged, or holds more or less than a brick of this
+                volume can take.
+        """
+        is_variable = self.codec is not None and self.codec.variable
+        return zstd_frame.decompress(stored, self.code_nbytes_max, at_most=is_variable)
+
     @cached_property
-    def code_nbytes(self) -> int:
-        """Bytes of a brick's code, the same for every brick."""
+    def code_nbytes_max(self) -> int:
+        """The most bytes that a brick's code takes; what each takes, but for variable rate."""
+        voxels_nbytes = int(np.prod(self.brick_shape_zyx)) * self.dtype.itemsize
         if self.codec is None:
-            return int(np.prod(self.brick_shape_zyx)) * self.dtype.itemsize
-        return self.codec.encoded_nbytes(self.brick_shape_zyx, self.dtype)
+            return voxels_nbytes
+        if not self.codec.variable:
+            return self.codec.encoded_nbytes(self.brick_shape_zyx, self.dtype)
+        # Voxels raw, and per block its end points and at most four words of tables.
+        nblocks = int(np.prod(grid_of(self.brick_shape_zyx, self.codec.block)))
+        padded_nbytes = nblocks * int(np.prod(self.codec.block)) * self.dtype.itemsize
+        return padded_nbytes + nblocks * (2 * self.dtype.itemsize + 16) + 1024
 
     # What is known per brick
 

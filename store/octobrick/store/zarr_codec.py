@@ -82,15 +82,14 @@ def s3dc_from_configuration(configuration: object) -> S3dc:
 
 
 def require_volume_codec(codec: S3dc) -> S3dc:
-    """The codec, if volumes can hold its codes: those of a fixed rate and a linear scale.
+    """The codec, if volumes can hold its codes: those with a linear scale.
 
     Raises:
         UnsupportedError: they cannot.
     """
-    if codec.variable or codec.scale != "linear":
+    if codec.scale != "linear":
         raise UnsupportedError(
-            f"volumes hold S3Dc at a fixed rate and with a linear scale, not {codec} as yet; "
-            "give bits",
+            f"volumes hold S3Dc with a linear scale, not {codec} as yet; leave out the scale",
             codec=str(codec),
         )
     return codec

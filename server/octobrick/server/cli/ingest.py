@@ -41,6 +41,12 @@ if TYPE_CHECKING:
     help="How bricks are compressed before zstd.  [default: s3dc, of labels lossless]",
 )
 @click.option("--bits", type=int, help="Bits of an S3Dc index, 1 to 8.  [default: 4]")
+@click.option(
+    "--max-error", type=float, help="Largest error that S3Dc may make, instead of --bits."
+)
+@click.option(
+    "--bits-per-voxel", type=float, help="Mean size of a brick's S3Dc code, instead of --bits."
+)
 @click.option("--block", type=int, help="Voxels along each side of an S3Dc block.  [default: 8]")
 @click.option(
     "--brick", type=int, default=64, show_default=True, help="Voxels along each side of a brick."
@@ -83,6 +89,8 @@ def ingest(
     dest: Path,
     codec: str | None,
     bits: int | None,
+    max_error: float | None,
+    bits_per_voxel: float | None,
     block: int | None,
     as_json: bool,
     quiet: bool,
@@ -98,7 +106,8 @@ def ingest(
     from octobrick.server.cli.progress import ProgressReport
     from octobrick.store.errors import IngestCancelledError
 
-    chosen = _codec(codec, bits, block)
+    rule = {"bits": bits, "max_error": max_error, "bits_per_voxel": bits_per_voxel}
+    chosen = _codec(codec, {k: v for k, v in rule.items() if v is not None}, block)
     try:
         with _stoppable() as cancel:
             itemsize = _announce(source, options, quiet=quiet or as_json)
@@ -115,17 +124,24 @@ def ingest(
         _print_result(result)
 
 
-def _codec(name: str | None, bits: int | None, block: int | None) -> S3dc | None:
+def _codec(name: str | None, rule: dict[str, Any], block: int | None) -> S3dc | None:
+    """The brick codec; ``rule`` is what was said of its rate."""
     from octobrick.codec import S3dc
     from octobrick.store.ingest_options import DEFAULT_CODEC
 
-    if name is None and bits is None and block is None:
-        return DEFAULT_CODEC
+    if len(rule) > 1:
+        raise click.UsageError("Give one of --bits, --max-error and --bits-per-voxel.")
     if name != "lossless":
-        side = 8 if block is None else block
-        return S3dc(block=(side, side, side), bits=4 if bits is None else bits)
-    if bits is not None or block is not None:
-        raise click.UsageError("--bits and --block describe S3Dc; leave them out with lossless.")
+        if name is None and not rule and block is None:
+            return DEFAULT_CODEC
+        # With a width per block, small blocks cost little and gain much: docs/performance.md.
+        side = block if block is not None else 8 if "bits" in rule or not rule else 4
+        return S3dc(block=(side, side, side), **(rule or {"bits": 4}))
+    if rule or block is not None:
+        raise click.UsageError(
+            "--bits, --max-error, --bits-per-voxel and --block describe S3Dc; leave them out with "
+            "lossless."
+        )
     return None
 
 

@@ -1,0 +1,49 @@
+"""Volumes whose codes the GPU does not decode yet, as volumes of raw bricks."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octobrick.renderer.brick_source import BrickSource
+from octobrick.store.box import Zyx
+
+
+class _Decoding(BrickSource, Protocol):
+    def brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> NDArray[Any]:
+        """The decoded voxels of a brick."""
+
+
+class DecodedBricks:
+    """Decodes bricks on the CPU as they are uploaded; all else is the volume's.
+
+    Bricks of variable rate then take as much GPU memory as raw ones.
+    """
+
+    codec = None
+
+    def __init__(self, volume: _Decoding) -> None:
+        self._volume = volume
+        self.revision = f"{volume.revision} decoded"  # other bytes under the same addresses
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._volume, name)
+
+    def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        """The raw voxels of a brick, little-endian; None for an absent one."""
+        if self._volume.brick_code(level, zyx, t, c) is None:
+            return None
+        voxels = self._volume.brick(level, zyx, t, c)
+        return np.ascontiguousarray(voxels, voxels.dtype.newbyteorder("<")).tobytes()
+
+
+def drawable(volume: BrickSource) -> BrickSource:
+    """The volume itself where the GPU decodes its bricks, else one that the CPU decodes."""
+    codec = volume.codec
+    if codec is None or (codec.bits is not None and codec.scale == "linear"):
+        return volume
+    if not hasattr(volume, "brick"):
+        return volume  # which the code layout refuses, naming the codec
+    return cast("BrickSource", DecodedBricks(cast("_Decoding", volume)))
