@@ -15,6 +15,7 @@ from octobrick.server.cli.info import info
 from octobrick.server.cli.ingest import ingest
 from octobrick.server.cli.render import render
 from octobrick.server.cli.serve import serve
+from octobrick.server.cli.synth import synth
 from octobrick.server.cli.verify import verify
 
 __all__ = ["main"]
@@ -49,5 +50,5 @@ def main(debug: bool) -> None:
     """Volumes too big for memory: compress, look at and serve them."""
 
 
-for _command in (ingest, info, render, serve, verify):
+for _command in (ingest, info, render, serve, synth, verify):
     main.add_command(_command)

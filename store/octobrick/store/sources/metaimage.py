@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 from octobrick.store.errors import SourceError, TruncatedSourceError, UnsupportedSourceError
-from octobrick.store.sources.base import Description, Direction, Source
+from octobrick.store.sources.base import Description, Direction, Source, Vector
 from octobrick.store.sources.flat import Layout
 from octobrick.store.sources.gzip_stream import GzipSource
 from octobrick.store.sources.head import (
@@ -22,6 +22,7 @@ from octobrick.store.sources.head import (
 )
 from octobrick.store.sources.raw import RawSource
 from octobrick.store.sources.voxels import (
+    clean_origin,
     clean_spacing,
     direction_of,
     require_dtype,
@@ -123,15 +124,19 @@ def _describe(fields: Fields, path: Path) -> Description:
         raise ValueError(f"NDims is {fields['NDims']} but DimSize has {len(sizes_xyz)} sizes")
     shape_zyx = require_shape(sizes_xyz, path)
     kind = fields["ElementType"]
+    spacing_zyx = clean_spacing(_spacing_xyz(fields), notes)
+    direction = _direction(fields, notes)
+    origin_xyz = _origin(fields, notes)
     return Description(
         "metaimage",
         shape_zyx,
         require_dtype(_DTYPE_OF_TYPE.get(kind, kind), path),
-        clean_spacing(_spacing_xyz(fields), notes),
+        spacing_zyx,
         _UNIT_OF_NAME.get(fields.get("DistanceUnits", "").lower()),
-        _direction(fields, notes),
+        direction,
         None,
         tuple(notes),
+        origin_xyz,
     )
 
 
@@ -147,6 +152,13 @@ def _direction(fields: Fields, notes: list[str]) -> Direction | None:
             numbers = _floats(fields[key], 9, key)
             return direction_of([numbers[0:3], numbers[3:6], numbers[6:9]], notes)
     return None
+
+
+def _origin(fields: Fields, notes: list[str]) -> Vector:
+    for key in ("Offset", "Position", "Origin"):
+        if key in fields:
+            return clean_origin(_floats(fields[key], 3, key), notes)
+    return (0.0, 0.0, 0.0)
 
 
 def _floats(text: str, count: int, key: str) -> list[float]:

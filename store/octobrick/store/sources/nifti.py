@@ -18,7 +18,7 @@ from octobrick.store.errors import (
     TruncatedSourceError,
     UnsupportedSourceError,
 )
-from octobrick.store.sources.base import Description, Direction, Rescale, Source
+from octobrick.store.sources.base import Description, Direction, Rescale, Source, Vector
 from octobrick.store.sources.flat import Layout
 from octobrick.store.sources.gzip_stream import GzipSource
 from octobrick.store.sources.head import (
@@ -31,6 +31,8 @@ from octobrick.store.sources.head import (
 )
 from octobrick.store.sources.raw import RawSource
 from octobrick.store.sources.voxels import (
+    LPS_OF_RAS,
+    clean_origin,
     clean_spacing,
     direction_of_ras,
     require_dtype,
@@ -159,6 +161,7 @@ def _describe(header: Any, version: _Version, path: Path) -> Description:
     # Float32 sizes as their shortest decimals: 0.41, not 0.409999996...
     spacing_zyx = clean_spacing([float(str(size)) for size in header["pixdim"][1:4]], notes)
     direction = _direction(header, spacing_zyx[::-1], notes, path)
+    origin_xyz = _origin(header, notes)
     return Description(
         version.name,
         shape_zyx,
@@ -168,6 +171,7 @@ def _describe(header: Any, version: _Version, path: Path) -> Description:
         direction,
         _rescale(header, path),
         tuple(notes),
+        origin_xyz,
     )
 
 
@@ -217,6 +221,17 @@ def _direction(
     else:
         return None
     return direction_of_ras([affine[:, axis].tolist() for axis in range(3)], notes)
+
+
+def _origin(header: Any, notes: list[str]) -> Vector:
+    """Where the first voxel lies, from what gives the direction."""
+    if int(header["sform_code"]) > 0:
+        given = [header[f"srow_{axis}"][3] for axis in "xyz"]
+    elif int(header["qform_code"]) > 0:
+        given = [header[f"qoffset_{axis}"] for axis in "xyz"]
+    else:
+        return (0.0, 0.0, 0.0)
+    return clean_origin([float(str(size)) for size in given], notes, to_lps=LPS_OF_RAS)
 
 
 def _qform(header: Any) -> Any:

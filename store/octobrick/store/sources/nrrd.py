@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from octobrick.store.errors import SourceError, UnsupportedSourceError
-from octobrick.store.sources.base import Description, Direction, Source
+from octobrick.store.sources.base import Description, Direction, Source, Vector
 from octobrick.store.sources.flat import Layout
 from octobrick.store.sources.gzip_stream import GzipSource
 from octobrick.store.sources.head import (
@@ -30,9 +30,10 @@ from octobrick.store.sources.head import (
 )
 from octobrick.store.sources.raw import RawSource
 from octobrick.store.sources.voxels import (
+    LPS_OF_RAS,
+    clean_origin,
     clean_spacing,
     direction_of,
-    direction_of_ras,
     require_dtype,
     require_shape,
 )
@@ -166,15 +167,19 @@ def _describe(header: dict[str, Any], path: Path) -> Description:
         shape_zyx = require_shape([int(header["sizes"][axis]) for axis in axes], path)
         unit = _unit(header, axes, notes)
         direction = None
+        origin_xyz = (0.0, 0.0, 0.0)
         if directions is not None:
             vectors = [directions[axis] for axis in axes]
             spacing_zyx = clean_spacing([math.hypot(*vector) for vector in vectors], notes)
             direction = _direction(header, vectors, notes)
+            origin_xyz = _origin(header, notes)
         elif "spacings" in header:
             spacing_zyx = clean_spacing([float(header["spacings"][axis]) for axis in axes], notes)
         else:
             spacing_zyx = (1.0, 1.0, 1.0)
-    return Description("nrrd", shape_zyx, dtype, spacing_zyx, unit, direction, None, tuple(notes))
+    return Description(
+        "nrrd", shape_zyx, dtype, spacing_zyx, unit, direction, None, tuple(notes), origin_xyz
+    )
 
 
 def _directions(header: dict[str, Any]) -> list[list[float]] | None:
@@ -203,18 +208,34 @@ def _direction(
     header: dict[str, Any], vectors: list[list[float]], notes: list[str]
 ) -> Direction | None:
     """The directions in LPS, where the space of the file says how it lies in a body."""
-    space = str(header.get("space", "")).lower().removesuffix("-time").removesuffix("t")
-    if space in _LPS:
-        return direction_of(vectors, notes)
-    if space in _RAS:
-        return direction_of_ras(vectors, notes)
-    if space in _LAS:
-        return direction_of(vectors, notes, to_lps=(1.0, -1.0, 1.0))
+    to_lps = _to_lps(header)
+    if to_lps is not None:
+        return direction_of(vectors, notes, to_lps=to_lps)
     direction = direction_of(vectors, notes)
     if direction is not None and not np.allclose(direction, _IDENTITY):
-        named = f"space {printable(space)}" if space else "a space without a name"
+        space = printable(_space(header))
+        named = f"space {space}" if space else "a space without a name"
         notes.append(f"the directions of the axes are in {named}, not in LPS; they are not used")
     return None
+
+
+def _origin(header: dict[str, Any], notes: list[str]) -> Vector:
+    """Where the first voxel lies, in LPS where the space of the file says how it lies in a body."""
+    given = header.get("space origin")
+    if given is None:
+        return (0.0, 0.0, 0.0)
+    return clean_origin(list(given)[:3], notes, to_lps=_to_lps(header) or (1.0, 1.0, 1.0))
+
+
+def _space(header: dict[str, Any]) -> str:
+    return str(header.get("space", "")).lower().removesuffix("-time").removesuffix("t")
+
+
+def _to_lps(header: dict[str, Any]) -> Vector | None:
+    """The sign of each axis that turns the file's world into LPS; None where nobody knows."""
+    space = _space(header)
+    signs = {_LPS: (1.0, 1.0, 1.0), _RAS: LPS_OF_RAS, _LAS: (1.0, -1.0, 1.0)}
+    return next((sign for names, sign in signs.items() if space in names), None)
 
 
 def _unit(header: dict[str, Any], axes: list[int], notes: list[str]) -> str | None:

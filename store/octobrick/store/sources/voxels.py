@@ -34,7 +34,7 @@ READ_DTYPES = (
 )
 
 _QUOTED_AXES = 8
-_LPS_OF_RAS = (-1.0, -1.0, 1.0)
+LPS_OF_RAS = (-1.0, -1.0, 1.0)
 
 
 def require_dtype(dtype: np.dtype[Any] | str, path: Path) -> np.dtype[Any]:
@@ -103,6 +103,18 @@ def clean_spacing(spacing_xyz: Iterable[float], notes: list[str]) -> Vector:
     return (z, y, x)
 
 
+def clean_origin(
+    given_xyz: Sequence[float], notes: list[str], *, to_lps: Vector = (1.0, 1.0, 1.0)
+) -> Vector:
+    """A usable origin: its components turned to LPS, or 0 with a note where they are no numbers."""
+    turned = [sign * float(size) + 0.0 for sign, size in zip(to_lps, given_xyz, strict=True)]
+    if not all(map(math.isfinite, turned)):
+        notes.append("the origin in the header is no position; 0 is used")
+        return (0.0, 0.0, 0.0)
+    x, y, z = turned
+    return (x, y, z)
+
+
 def direction_of(
     columns: Sequence[Sequence[float]], notes: list[str], *, to_lps: Vector = (1.0, 1.0, 1.0)
 ) -> Direction | None:
@@ -131,4 +143,4 @@ def direction_of(
 
 def direction_of_ras(columns: Sequence[Sequence[float]], notes: list[str]) -> Direction | None:
     """`direction_of` for a world whose axes point right, anterior and superior."""
-    return direction_of(columns, notes, to_lps=_LPS_OF_RAS)
+    return direction_of(columns, notes, to_lps=LPS_OF_RAS)
