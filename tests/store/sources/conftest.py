@@ -32,6 +32,16 @@ class Sample:
 
 Writer = Callable[[Path, np.ndarray], Sample]
 
+READ_DTYPES = (
+    *("uint8", "int8", "uint16", "int16", "float32"),
+    *("bool", "uint32", "int32", "uint64", "int64", "float16", "float64"),
+)
+
+
+def dtypes_of(writer: Writer) -> tuple[str, ...]:
+    """The sample types that a writer's format can hold: its attribute ``dtypes``, or all."""
+    return getattr(writer, "dtypes", READ_DTYPES)
+
 
 def _raw_options(voxels: np.ndarray, **more: Any) -> dict[str, Any]:
     shape = {"shape_zyx": voxels.shape, "dtype": voxels.dtype.name, "spacing_zyx": SPACING_ZYX}
@@ -150,11 +160,14 @@ def nrrd_detached_gzip(folder: Path, voxels: np.ndarray) -> Sample:
     return _nrrd(folder / "a.nhdr", voxels, encoding="gzip")
 
 
+_NRRD_TYPES = {"float32": "float", "float64": "double"}
+
+
 def _nrrd_header(voxels: np.ndarray, *lines: str) -> bytes:
     sizes, spacings = voxels.shape[::-1], SPACING_ZYX[::-1]
     fields = [
         "NRRD0004",
-        f"type: {voxels.dtype.name.replace('float32', 'float')}",
+        f"type: {_NRRD_TYPES.get(voxels.dtype.name, voxels.dtype.name)}",
         "dimension: 3",
         f"sizes: {sizes[0]} {sizes[1]} {sizes[2]}",
         f"spacings: {spacings[0]} {spacings[1]} {spacings[2]}",
@@ -186,6 +199,11 @@ _MET_TYPES = {
     "uint16": "MET_USHORT",
     "int16": "MET_SHORT",
     "float32": "MET_FLOAT",
+    "uint32": "MET_UINT",
+    "int32": "MET_INT",
+    "uint64": "MET_ULONG_LONG",
+    "int64": "MET_LONG_LONG",
+    "float64": "MET_DOUBLE",
 }
 
 
@@ -269,14 +287,18 @@ WRITERS: tuple[Writer, ...] = (
     metaimage_header_size_from_the_end,
     metaimage_zraw,
 )
-READ_DTYPES = ("uint8", "int8", "uint16", "int16", "float32")
+for _writer in WRITERS:
+    if _writer.__name__.startswith(("nifti", "nrrd", "metaimage")):
+        _writer.dtypes = tuple(name for name in READ_DTYPES if name not in ("bool", "float16"))
 
 
 def make_voxels(dtype: str, shape_zyx: tuple[int, int, int] = (4, 5, 37)) -> np.ndarray:
     """Voxels that differ from their neighbours and use the whole type."""
     bits = np.random.default_rng(7).integers(0, 256, (*shape_zyx, np.dtype(dtype).itemsize))
+    if dtype == "bool":
+        return bits[..., 0] > 127
     voxels = bits.astype(np.uint8).view(dtype)[..., 0]
-    return np.nan_to_num(voxels) if dtype == "float32" else voxels
+    return np.nan_to_num(voxels) if voxels.dtype.kind == "f" else voxels
 
 
 @pytest.fixture(params=WRITERS, ids=lambda writer: writer.__name__)

@@ -14,6 +14,8 @@ from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box
 from octobrick.store.sources import open_source
 
+from .conftest import dtypes_of, make_voxels
+
 SHAPE = (4, 5, 37)
 
 
@@ -47,8 +49,9 @@ class TestSourceContract:
         assert described["format"]
 
     def test_whole_volume_of_every_type_equals_what_was_written(self, tmp_path, writer, dtype):
-        from_bits = np.random.default_rng(3).integers(0, 256, (2, 3, 5, np.dtype(dtype).itemsize))
-        voxels = np.nan_to_num(from_bits.astype(np.uint8).view(dtype)[..., 0])
+        if dtype not in dtypes_of(writer):
+            pytest.skip("the format has no such sample type")
+        voxels = make_voxels(dtype, (2, 3, 5))
         sample = writer(tmp_path, voxels)
         with open_source(sample.path, **sample.options) as source:
             read = source.read(Box.of_shape(source.shape_zyx))

@@ -9,7 +9,7 @@ import pytest
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box
-from octobrick.store.errors import SourceError, TruncatedSourceError, UnsupportedSourceError
+from octobrick.store.errors import SourceError, TruncatedSourceError
 from octobrick.store.sources import open_source
 
 
@@ -56,10 +56,16 @@ def test_unknown_type_is_refused_with_those_that_are_read(raw, dtype):
     assert "\x1b" not in caught.value.message
 
 
-@pytest.mark.parametrize("dtype", ["float64", "i4", "bool"])
-def test_type_that_is_not_read_comes_with_the_conversion(raw, dtype):
-    with pytest.raises(UnsupportedSourceError, match="astype"):
-        open_source(raw, shape_zyx=(3, 4, 5), dtype=dtype)
+@pytest.mark.parametrize(("code", "name"), [("i2", "int16"), ("f2", "float16"), ("<u2", "uint16")])
+def test_type_may_be_given_by_numpys_code(raw, code, name):
+    with open_source(raw, shape_zyx=(3, 4, 5), dtype=code) as source:
+        assert source.dtype == name
+
+
+def test_bytes_of_bool_that_are_neither_0_nor_1_are_true(tmp_path):
+    (tmp_path / "a.raw").write_bytes(bytes([0, 1, 2, 255]))
+    with open_source(tmp_path / "a.raw", shape_zyx=(1, 1, 4), dtype="bool") as source:
+        assert read_all(source).view(np.uint8).ravel().tolist() == [0, 1, 1, 1]
 
 
 @pytest.mark.parametrize("shape", [(0, 4, 5), (3, -4, 5), (3, 4), (1, 3, 4, 5), ()])

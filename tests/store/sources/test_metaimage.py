@@ -104,12 +104,6 @@ def test_text_data_are_refused(write):
         open_source(write(BinaryData="False"))
 
 
-@pytest.mark.parametrize(("kind", "dtype"), [("MET_INT", "int32"), ("MET_DOUBLE", "float64")])
-def test_sample_type_that_is_not_read_comes_with_the_conversion(write, kind, dtype):
-    with pytest.raises(UnsupportedSourceError, match=rf"voxels are {dtype};.*astype"):
-        open_source(write(ElementType=kind))
-
-
 def test_unknown_sample_type_is_refused_by_name(write):
     with pytest.raises(UnsupportedSourceError, match="MET_OTHER"):
         open_source(write(ElementType="MET_OTHER"))

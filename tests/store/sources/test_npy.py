@@ -38,16 +38,6 @@ def test_axis_without_voxels_is_refused_by_name(save, shape):
         open_source(save(np.zeros(shape, np.uint8)))
 
 
-@pytest.mark.parametrize(
-    "dtype", ["bool", "uint32", "int32", "uint64", "int64", "float16", "float64"]
-)
-def test_sample_type_that_is_not_read_comes_with_the_conversion(save, dtype):
-    with pytest.raises(
-        UnsupportedSourceError, match=rf"voxels are {dtype};.*numpy\.save\('a\.npy', voxels\.astype"
-    ):
-        open_source(save(np.zeros((2, 2, 2), dtype)))
-
-
 @pytest.mark.parametrize("dtype", ["complex64", "U3", "u1,u1,u1"])
 def test_samples_that_are_no_scalars_are_refused(save, dtype):
     with pytest.raises(UnsupportedSourceError, match="one scalar component"):

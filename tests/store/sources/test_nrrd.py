@@ -244,12 +244,6 @@ def test_four_axes_are_refused_with_what_was_found(write):
         open_source(write(dimension="4", sizes="5 2 2 3"))
 
 
-@pytest.mark.parametrize(("name", "dtype"), [("int", "int32"), ("double", "float64")])
-def test_sample_type_that_is_not_read_comes_with_the_conversion(write, name, dtype):
-    with pytest.raises(UnsupportedSourceError, match=rf"voxels are {dtype};.*astype"):
-        open_source(write(type=name))
-
-
 def test_block_type_is_refused(write):
     with pytest.raises(UnsupportedSourceError, match="block"):
         open_source(write(type="block"))

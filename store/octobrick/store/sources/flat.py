@@ -79,6 +79,8 @@ class FlatSource(Source):
             self._read_runs(box.start_zyx, out)
         if not self._layout.dtype.isnative:
             out.byteswap(inplace=True)
+        if out.dtype == np.bool_:  # any other byte than 0 and 1 would upset numpy
+            np.not_equal(out.view(np.uint8), 0, out=out)
         return out
 
     def _read_transposed(self, box: Box, out: npt.NDArray[Any]) -> None:

@@ -39,7 +39,18 @@ from octobrick.store.sources.voxels import (
     require_shape,
 )
 
-_DTYPE_OF_CODE = {2: "uint8", 256: "int8", 4: "int16", 512: "uint16", 16: "float32"}
+_DTYPE_OF_CODE = {
+    2: "uint8",
+    256: "int8",
+    4: "int16",
+    512: "uint16",
+    8: "int32",
+    768: "uint32",
+    1024: "int64",
+    1280: "uint64",
+    16: "float32",
+    64: "float64",
+}
 # The lowest three bits of xyzt_units.
 _UNIT_OF_CODE = {1: "meter", 2: "millimeter", 3: "micrometer"}
 # pixdim and the sform say the spacing twice; files of float32 agree this well.
