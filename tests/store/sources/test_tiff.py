@@ -22,9 +22,7 @@ def numbers(*shape: int, dtype: str = "uint16") -> np.ndarray:
 def everything(source) -> np.ndarray:
     """All time steps and channels, (t, c, z, y, x), each read on its own."""
     box = Box.of_shape(source.shape_zyx)
-    return np.array(
-        [[source.read(box, t, c) for c in range(source.nc)] for t in range(source.nt)]
-    )
+    return np.array([[source.read(box, t, c) for c in range(source.nc)] for t in range(source.nt)])
 
 
 def test_ome_time_steps_channels_spacing_and_names(tmp_path):
@@ -59,9 +57,7 @@ def test_ome_time_steps_channels_spacing_and_names(tmp_path):
 def test_imagej_hyperstack(tmp_path, dtype):
     voxels = numbers(2, 3, 4, 5, 6, dtype=dtype)
     metadata = {"axes": "TZCYX", "spacing": 3.0, "unit": "um"}
-    tifffile.imwrite(
-        tmp_path / "a.tif", voxels, imagej=True, resolution=(4, 2), metadata=metadata
-    )
+    tifffile.imwrite(tmp_path / "a.tif", voxels, imagej=True, resolution=(4, 2), metadata=metadata)
     with open_source(tmp_path / "a.tif") as source:
         assert (source.nt, source.nc, source.shape_zyx) == (2, 4, (3, 5, 6))
         assert source.spacing_zyx == (3.0, 0.5, 0.25)
@@ -212,7 +208,9 @@ def test_ome_counts_beyond_reason_are_refused(tmp_path, attribute):
         '<Pixels ID="Pixels:0" DimensionOrder="XYZCT" Type="uint16" SizeX="6" SizeY="5" '
         f'SizeC="1" SizeT="1" {attribute}><TiffData {attribute}/></Pixels></Image></OME>'
     )
-    tifffile.imwrite(path, numbers(3, 5, 6), description=xml, metadata=None, photometric="minisblack")
+    tifffile.imwrite(
+        path, numbers(3, 5, 6), description=xml, metadata=None, photometric="minisblack"
+    )
     with pytest.raises(SourceError, match="OME-XML counts"):
         open_source(path)
 
@@ -227,7 +225,7 @@ def test_damaged_strip_is_named(tmp_path):
     path.write_bytes(content)
     with (
         open_source(path) as source,
-        pytest.raises(SourceError, match="strip or tile 0 .* cannot be decoded"),
+        pytest.raises(SourceError, match=r"strip or tile 0 .* cannot be decoded"),
     ):
         source.read(Box.of_shape(source.shape_zyx))
 

@@ -26,7 +26,12 @@ def _tiff(folder: Path, voxels: np.ndarray, **how: Any) -> Written:
 
 
 def tiff_strips(folder: Path, voxels: np.ndarray) -> Written:
-    return _tiff(folder, voxels, rowsperstrip=2)
+    path = folder / "a.tif"
+    how = {"photometric": "minisblack", "metadata": None, "rowsperstrip": 2}
+    with tifffile.TiffWriter(path) as file:
+        for plane in voxels:  # one by one, so that pixels are last in the file, not slack
+            file.write(plane, contiguous=False, **how)
+    return Written(path, voxels, {"spacing_zyx": SPACING_ZYX})
 
 
 def tiff_deflate_big_endian(folder: Path, voxels: np.ndarray) -> Written:
@@ -48,9 +53,19 @@ def ome_tiff_zstd(folder: Path, voxels: np.ndarray) -> Written:
     return Written(path, voxels, {})
 
 
+def tiff_slices(folder: Path, voxels: np.ndarray) -> Written:
+    path = folder / "slices"
+    path.mkdir(exist_ok=True)
+    for z, plane in enumerate(voxels):
+        how = {"compression": "lzw"} if z % 2 else {}
+        tifffile.imwrite(path / f"s{z + 8}.tif", plane, photometric="minisblack", **how)
+    return Written(path, voxels, {"spacing_zyx": SPACING_ZYX})
+
+
 WRITERS = (
     tiff_strips,
     tiff_deflate_big_endian,
     bigtiff_tiles_lzw,
     ome_tiff_zstd,
+    tiff_slices,
 )

@@ -26,6 +26,15 @@ from octobrick.store.sources.formats import (
     recognise,
 )
 from octobrick.store.sources.head import read_head, read_head_inflated
+from octobrick.store.sources.several import (
+    files_of,
+    is_picture,
+    is_several,
+    is_zarr,
+    pictures_of,
+    refuse_folder,
+)
+from octobrick.store.sources.slices import open_slices
 
 __all__ = ["Channel", "Description", "Rescale", "Source", "open_source"]
 
@@ -44,7 +53,8 @@ def open_source(
     """A volume of any format that is read, open; close it, or use it as a context manager.
 
     Args:
-        path: the file; of a header with a data file of its own, the header.
+        path: the file; of a header with a data file of its own, the header; a folder of pictures
+            (the slices of one volume), or a pattern with ``*``, ``?`` or ``[`` of such files.
         shape_zyx: voxels of a raw file along z, y and x.
         dtype: sample type of a raw file.
         spacing_zyx: distance of voxels; takes the place of what the header says.
@@ -62,11 +72,38 @@ def open_source(
     """
     path = Path(path)
     options = RawOptions(shape_zyx, dtype, spacing_zyx, offset_nbytes, big_endian)
+    pick = Pick(dataset, axes)
+    if is_several(path):
+        return _open_several(path, options, pick)
+    return _open_file(path, options, pick)
+
+
+def _open_several(path: Path, options: RawOptions, pick: Pick) -> Source:
+    """A folder or pattern: pictures as slices."""
+    if is_zarr(path):
+        raise UnsupportedSourceError(
+            f"{path}: is a Zarr group or array, which is not read; export it to another format",
+            path=str(path),
+        )
+    files = files_of(path)
+    if path.is_dir():
+        pictures, notes = pictures_of(path, files)
+        if not pictures:
+            refuse_folder(path, files)
+    elif len(files) == 1 and not is_picture(files[0]):
+        return _open_file(files[0], options, pick)
+    else:
+        pictures, notes = files, ()
+    _refuse_options(path, "slices", options, pick)
+    return _with_spacing(open_slices(path, pictures, notes), options, path)
+
+
+def _open_file(path: Path, options: RawOptions, pick: Pick) -> Source:
     is_gz = path.suffix.lower() == ".gz"
     head = (read_head_inflated if is_gz else read_head)(path, HEAD_NBYTES)
     known = recognise(path, head)
     if known is not None:
-        return _open_known(known, path, options, Pick(dataset, axes))
+        return _open_known(known, path, options, pick)
     options = complete(path, options)
     foreign = foreign_name(head)
     if options.is_complete or (foreign is None and is_raw_name(path)):
@@ -76,17 +113,32 @@ def open_source(
 
 def _open_known(known: Format, path: Path, options: RawOptions, pick: Pick) -> Source:
     """Open a file that describes itself, of which a caller may only correct the spacing."""
-    if given := options.given():
+    _refuse_options(path, known.name, options)
+    require_spacing(options.spacing_zyx, path)
+    return _with_spacing(known.open(path, pick), options, path)
+
+
+def _refuse_options(
+    path: Path, format_name: str, options: RawOptions, pick: Pick | None = None
+) -> None:
+    """Refuse what a file that describes itself does not need to be told."""
+    if given := options.given() + (pick.given() if pick else []):
         raise InvalidInputError(
-            f"{path}: is {known.name} and describes itself; leave out {', '.join(given)}",
+            f"{path}: is {format_name} and describes itself; leave out {', '.join(given)}",
             path=str(path),
-            format=known.name,
+            format=format_name,
             options=given,
         )
-    spacing_zyx = require_spacing(options.spacing_zyx, path)
-    source = known.open(path, pick)
+
+
+def _with_spacing(source: Source, options: RawOptions, path: Path) -> Source:
+    """The source with the spacing that a caller gives in place of its own."""
     if options.spacing_zyx is not None:
-        source.spacing_zyx = spacing_zyx
+        try:
+            source.spacing_zyx = require_spacing(options.spacing_zyx, path)
+        except InvalidInputError:
+            source.close()
+            raise
     return source
 
 

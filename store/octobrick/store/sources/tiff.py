@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 
 from octobrick.codec.errors import OctobrickError
-from octobrick.store.box import Box
 from octobrick.store.errors import SourceError, TruncatedSourceError, UnsupportedSourceError
 from octobrick.store.sources.base import RGB, RGBA, Channel, Description, Pick, Source
 from octobrick.store.sources.head import missing_package, open_file, parsing, printable
@@ -396,10 +395,3 @@ def _damaged(path: Path, segment: int, reason: str | None) -> SourceError:
         path=str(path),
         segment=segment,
     )
-
-
-def whole_page(source: Source) -> npt.NDArray[Any]:
-    """The first plane of a TIFF file with all its channels, (y, x, c)."""
-    _, ny, nx = source.shape_zyx
-    channels = source.read_channels(Box((0, 0, 0), (1, ny, nx)))
-    return np.ascontiguousarray(np.moveaxis(channels[:, 0], 0, -1))

@@ -112,7 +112,7 @@ def axes_of(series: Any, asked: str | None, path: Path) -> Axes:
 
 
 def _named(letters: list[str], sizes: list[int], all_letters: str, path: Path) -> list[str]:
-    """t, c and z by their letters; one axis that has none of them is z; ``?`` if it is not clear."""
+    """t, c and z by their letters; one axis that has none of them is z; ``?`` if unclear."""
     names = [letter.lower() if letter in "TCZ" else "?" for letter in letters]
     if names.count("?") == 1 and "z" not in names:
         names[names.index("?")] = "z"

@@ -101,7 +101,9 @@ def of_ome(xml: str, image: int) -> TiffMetadata:
         root = ElementTree.fromstring(xml)  # noqa: S314  (expat bounds what entities expand to)
     except ElementTree.ParseError:
         return TiffMetadata()
-    pixels = [found for element in _children(root, "Image") for found in _children(element, "Pixel")]
+    pixels = [
+        found for element in _children(root, "Image") for found in _children(element, "Pixel")
+    ]
     if image >= len(pixels):
         return TiffMetadata()
     attributes = pixels[image].attrib
