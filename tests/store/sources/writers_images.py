@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tifffile
+from pydicom import Dataset, dcmwrite
+from pydicom.dataset import FileMetaDataset
+from pydicom.uid import ExplicitVRBigEndian, ExplicitVRLittleEndian, generate_uid
 
 SPACING_ZYX = (2.5, 0.75, 0.5)
 
@@ -62,10 +65,59 @@ def tiff_slices(folder: Path, voxels: np.ndarray) -> Written:
     return Written(path, voxels, {"spacing_zyx": SPACING_ZYX})
 
 
+def dicom_file(path: Path, plane: np.ndarray, z: float = 0.0, **more: Any) -> Dataset:
+    """One file: a plane, or frames, (z, y, x) with further keywords as elements."""
+    _, size_y, size_x = SPACING_ZYX
+    made = Dataset()
+    made.SOPClassUID = "1.2.840.10008.5.1.4.1.1.2"
+    made.SOPInstanceUID = more.pop("SOPInstanceUID", None) or generate_uid()
+    made.SeriesInstanceUID = "1.2.3"
+    made.Modality, made.InstanceNumber = "CT", 1
+    made.ImagePositionPatient = [10.0, 20.0, z]
+    made.ImageOrientationPatient = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    made.PixelSpacing = [size_y, size_x]
+    made.SamplesPerPixel, made.PhotometricInterpretation = 1, "MONOCHROME2"
+    made.Rows, made.Columns = plane.shape[-2:]
+    made.BitsAllocated = made.BitsStored = plane.dtype.itemsize * 8
+    made.HighBit = made.BitsStored - 1
+    made.PixelRepresentation = int(plane.dtype.kind == "i")
+    syntax = more.pop("syntax", ExplicitVRLittleEndian)
+    pixels = more.pop("pixels", None)
+    for name, value in more.items():
+        setattr(made, name, value)
+    order = ">" if syntax == ExplicitVRBigEndian else "<"
+    data = plane.astype(plane.dtype.newbyteorder(order)).tobytes()
+    if pixels is not None:
+        made.PixelData = pixels
+        made["PixelData"].VR = "OB"
+        made["PixelData"].is_undefined_length = True
+    elif plane.dtype.kind == "f":
+        made.FloatPixelData = data
+    else:
+        made.PixelData = data + b"\0" * (len(data) % 2)
+        made["PixelData"].VR = "OW" if plane.dtype.itemsize > 1 else "OB"
+    made.file_meta = FileMetaDataset()
+    made.file_meta.TransferSyntaxUID = syntax
+    made.file_meta.MediaStorageSOPClassUID = made.SOPClassUID
+    made.file_meta.MediaStorageSOPInstanceUID = made.SOPInstanceUID
+    dcmwrite(path, made, enforce_file_format=True)
+    return made
+
+
+def dicom_series(folder: Path, voxels: np.ndarray) -> Written:
+    """Names and numbers run against the positions, as from many scanners."""
+    path = folder / "series"
+    path.mkdir(exist_ok=True)
+    for z, plane in enumerate(voxels):
+        dicom_file(path / f"IM{99 - z}", plane, SPACING_ZYX[0] * z, InstanceNumber=99 - z)
+    return Written(path, voxels, {})
+
+
 WRITERS = (
     tiff_strips,
     tiff_deflate_big_endian,
     bigtiff_tiles_lzw,
     ome_tiff_zstd,
     tiff_slices,
+    dicom_series,
 )

@@ -17,6 +17,7 @@ from octobrick.store.sources.described import (
     open_described,
     require_spacing,
 )
+from octobrick.store.sources.dicom import open_dicom
 from octobrick.store.sources.formats import (
     FORMATS,
     HEAD_NBYTES,
@@ -27,6 +28,7 @@ from octobrick.store.sources.formats import (
 )
 from octobrick.store.sources.head import read_head, read_head_inflated
 from octobrick.store.sources.several import (
+    dicoms_of,
     files_of,
     is_picture,
     is_several,
@@ -54,7 +56,8 @@ def open_source(
 
     Args:
         path: the file; of a header with a data file of its own, the header; a folder of pictures
-            (the slices of one volume), or a pattern with ``*``, ``?`` or ``[`` of such files.
+            (the slices of one volume) or DICOM files, or a pattern (``*``, ``?``, ``[``) of such
+            files.
         shape_zyx: voxels of a raw file along z, y and x.
         dtype: sample type of a raw file.
         spacing_zyx: distance of voxels; takes the place of what the header says.
@@ -79,13 +82,17 @@ def open_source(
 
 
 def _open_several(path: Path, options: RawOptions, pick: Pick) -> Source:
-    """A folder or pattern: pictures as slices."""
+    """A folder or pattern: DICOM files as a series, pictures as slices."""
     if is_zarr(path):
         raise UnsupportedSourceError(
             f"{path}: is a Zarr group or array, which is not read; export it to another format",
             path=str(path),
         )
     files = files_of(path)
+    dicoms, notes = dicoms_of(path, files)
+    if dicoms:
+        _refuse_options(path, "DICOM", options)
+        return _with_spacing(open_dicom(path, dicoms, pick, notes), options, path)
     if path.is_dir():
         pictures, notes = pictures_of(path, files)
         if not pictures:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from octobrick.codec.errors import ResourceError
-from octobrick.store.errors import SourceNotFoundError, UnsupportedSourceError
+from octobrick.store.errors import SourceError, SourceNotFoundError, UnsupportedSourceError
 from octobrick.store.sources.head import read_head
 from octobrick.store.sources.pictures import PICTURE_SUFFIXES
 
@@ -85,8 +85,45 @@ def pictures_of(path: Path, files: Sequence[Path]) -> tuple[list[Path], tuple[st
     others = [file.name for file in files if not is_picture(file)]
     if not others or not pictures:
         return pictures, ()
-    quoted = ", ".join(others[:_QUOTED_FILES]) + (", ..." if len(others) > _QUOTED_FILES else "")
-    return pictures, (f"{len(others)} files that are no pictures are left aside: {quoted}",)
+    return pictures, (_left_aside("pictures", others),)
+
+
+def dicoms_of(path: Path, files: Sequence[Path]) -> tuple[list[Path], tuple[str, ...]]:
+    """The DICOM files among the files, whatever their names, and a warning of what is left aside.
+
+    Raises:
+        UnsupportedSourceError: there are pictures beside them: it is not clear which are meant.
+        SourceError: a file is none, but named as those that are, up to the numbers in its name.
+    """
+    dicoms = [file for file in files if not is_picture(file) and is_dicom(file)]
+    if not dicoms or len(dicoms) == len(files):
+        return dicoms, ()
+    if any(is_picture(file) for file in files):
+        raise UnsupportedSourceError(
+            f"{path}: holds {len(dicoms)} DICOM files beside pictures; say which are meant by a "
+            f"pattern such as '{path / ('*' + dicoms[0].suffix)}'",
+            path=str(path),
+        )
+    known = set(dicoms)
+    names = {_without_numbers(file) for file in dicoms}
+    others = [file for file in files if file not in known]
+    for file in others:
+        if _without_numbers(file) in names:
+            raise SourceError(
+                f"{file}: does not begin as DICOM does, unlike {dicoms[0].name} beside it; "
+                "copy it again or leave it out",
+                path=str(file),
+            )
+    return dicoms, (_left_aside("DICOM", [file.name for file in others]),)
+
+
+def _without_numbers(file: Path) -> str:
+    return re.sub("[0-9]+", "0", file.name)
+
+
+def _left_aside(kind: str, names: list[str]) -> str:
+    quoted = ", ".join(names[:_QUOTED_FILES]) + (", ..." if len(names) > _QUOTED_FILES else "")
+    return f"{len(names)} files that are no {kind} are left aside: {quoted}"
 
 
 def is_picture(file: Path) -> bool:
@@ -108,7 +145,7 @@ def refuse_folder(path: Path, files: Sequence[Path]) -> NoReturn:
     """
     raise UnsupportedSourceError(
         f"{path}: is a folder of {len(files)} files, but none of them are pictures (PNG, JPEG, "
-        f"TIFF); give one file, or the files of all time steps as a pattern such as "
+        f"TIFF) or DICOM; give one file, or the files of all time steps as a pattern such as "
         f"'{path / ('*' + files[0].suffix)}'",
         path=str(path),
         files=len(files),
