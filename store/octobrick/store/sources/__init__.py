@@ -36,7 +36,8 @@ from octobrick.store.sources.several import (
     pictures_of,
     refuse_folder,
 )
-from octobrick.store.sources.slices import open_slices
+from octobrick.store.sources.slices import is_slice, open_slices
+from octobrick.store.sources.time_series import open_time_series
 
 __all__ = ["Channel", "Description", "Rescale", "Source", "open_source"]
 
@@ -57,7 +58,7 @@ def open_source(
     Args:
         path: the file; of a header with a data file of its own, the header; a folder of pictures
             (the slices of one volume) or DICOM files, or a pattern (``*``, ``?``, ``[``) of such
-            files.
+            files, or of files that are one time step each.
         shape_zyx: voxels of a raw file along z, y and x.
         dtype: sample type of a raw file.
         spacing_zyx: distance of voxels; takes the place of what the header says.
@@ -82,7 +83,7 @@ def open_source(
 
 
 def _open_several(path: Path, options: RawOptions, pick: Pick) -> Source:
-    """A folder or pattern: DICOM files as a series, pictures as slices."""
+    """A folder or pattern: DICOM files as a series, pictures as slices, others as time steps."""
     if is_zarr(path):
         raise UnsupportedSourceError(
             f"{path}: is a Zarr group or array, which is not read; export it to another format",
@@ -97,10 +98,12 @@ def _open_several(path: Path, options: RawOptions, pick: Pick) -> Source:
         pictures, notes = pictures_of(path, files)
         if not pictures:
             refuse_folder(path, files)
-    elif len(files) == 1 and not is_picture(files[0]):
+    elif all(is_picture(file) for file in files) and is_slice(files[0]):
+        pictures = files
+    elif len(files) == 1:
         return _open_file(files[0], options, pick)
     else:
-        pictures, notes = files, ()
+        return open_time_series(path, files, lambda file: _open_file(file, options, pick))
     _refuse_options(path, "slices", options, pick)
     return _with_spacing(open_slices(path, pictures, notes), options, path)
 

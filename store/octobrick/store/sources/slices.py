@@ -44,6 +44,11 @@ def open_slices(path: Path, files: Sequence[Path], notes: tuple[str, ...] = ()) 
     return SliceSource(path, description, files, first)
 
 
+def is_slice(file: Path) -> bool:
+    """Whether the file of a picture holds one, and not a stack; raises what `probe` does."""
+    return probe(file).nplanes == 1
+
+
 class SliceSource(PlaneSource):
     """Pictures of one size and type, none of them held open."""
 
