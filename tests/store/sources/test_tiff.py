@@ -65,6 +65,16 @@ def test_imagej_hyperstack(tmp_path, dtype):
         np.testing.assert_array_equal(everything(source), voxels.transpose(0, 2, 1, 3, 4))
 
 
+@pytest.mark.parametrize("code", ["jpeg", "jpeg2000"])
+def test_tiles_of_picture_codes(tmp_path, code):
+    ramp = np.tile(np.arange(40, dtype="uint8") * 4, (3, 20, 1))
+    how = {"compression": code, "tile": (16, 16), "photometric": "minisblack"}
+    tifffile.imwrite(tmp_path / "a.tif", ramp, **how)
+    with open_source(tmp_path / "a.tif") as source:
+        expected = tifffile.imread(tmp_path / "a.tif")
+        np.testing.assert_array_equal(everything(source)[0, 0], expected)
+
+
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_planes_without_directories_of_their_own(tmp_path, order):
     voxels = numbers(7, 5, 6).astype(order + "u2")
@@ -250,3 +260,17 @@ def test_files_of_an_image_in_several_files_are_all_named(tmp_path):
     with open_source(tmp_path / "a.ome.tif") as source:
         np.testing.assert_array_equal(everything(source)[0, 0], voxels)
         assert [Path(path).name for path in source.files] == ["a.ome.tif", "b.ome.tif"]
+
+
+def test_jpeg_that_says_it_is_enormous_is_not_decoded(tmp_path):
+    path = tmp_path / "a.tif"
+    pixels = numbers(16, 32, dtype="uint8")
+    tifffile.imwrite(path, pixels, compression="jpeg", photometric="minisblack")
+    content = path.read_bytes()
+    frame = content.index(b"\xff\xc0")
+    path.write_bytes(content[: frame + 5] + b"\xff\xff\xff\xff" + content[frame + 9 :])
+    with (
+        open_source(path) as source,
+        pytest.raises(SourceError, match="its code is of 4294836225 pixels, not 512"),
+    ):
+        source.read(Box.of_shape(source.shape_zyx))

@@ -16,6 +16,7 @@ from octobrick.store.sources.base import RGB, Description, Pick, Rescale, Source
 from octobrick.store.sources.dicom_file import DicomFile, Frame, Stored, read_dicom
 from octobrick.store.sources.dicom_stack import Stack, stack_frames
 from octobrick.store.sources.head import missing_package, open_file, printable
+from octobrick.store.sources.jpeg_size import coded_npixels
 from octobrick.store.sources.planes import PlaneSource, Tile
 
 # What imagecodecs calls the codes of the transfer syntaxes 1.2.840.10008.1.2.*
@@ -217,9 +218,12 @@ def _decoded(frame: Frame) -> npt.NDArray[Any]:
     decode: Callable[..., npt.NDArray[Any]] = getattr(imagecodecs, name)
     try:
         code = _code(frame)
-        if name != "dicomrle_decode":
-            return decode(code)
         pixels = frame.pixels
+        if name != "dicomrle_decode":
+            expected, npixels = pixels.shape_yx[0] * pixels.shape_yx[1], coded_npixels(code)
+            if npixels != expected:
+                raise ValueError(f"its code is of {npixels} pixels, not {expected}")
+            return decode(code)
         # Segments of bytes, most significant first, each a plane; samples come out one by one.
         planes = decode(code, pixels.dtype.newbyteorder("<"))
         planes = np.frombuffer(planes, pixels.dtype.newbyteorder("<")).astype(pixels.dtype)

@@ -19,11 +19,12 @@ import numpy as np
 import numpy.typing as npt
 
 from octobrick.codec.errors import OctobrickError
-from octobrick.store.errors import SourceError, TruncatedSourceError, UnsupportedSourceError
+from octobrick.store.errors import SourceError, TruncatedSourceError
 from octobrick.store.sources.base import RGB, RGBA, Channel, Description, Pick, Source
 from octobrick.store.sources.head import missing_package, open_file, parsing, printable
+from octobrick.store.sources.jpeg_size import coded_npixels
 from octobrick.store.sources.planes import PlaneSource, Tile
-from octobrick.store.sources.tiff_axes import Axes, axes_of
+from octobrick.store.sources.tiff_axes import Axes, axes_of, choose_series
 from octobrick.store.sources.tiff_chain import count_pages
 from octobrick.store.sources.tiff_metadata import (
     TiffMetadata,
@@ -42,6 +43,7 @@ _ROWS_NBYTES = 1 << 18
 _SEGMENT_LIMIT_NBYTES = 1 << 31
 _RATIO_LIMIT = 1 << 16
 _PAGES_KEPT = 64
+_JPEGS = (6, 7, 33003, 33004, 33005, 34712, 34892)  # JPEG and JPEG 2000, by several names
 _RGB_PHOTOMETRICS = (2, 6)  # RGB; YCbCr, which the JPEG decoder turns into RGB
 _MINISWHITE = 0
 
@@ -83,7 +85,7 @@ def _open(file: Any, path: Path, pick: Pick) -> Source:
     ome = file.ome_metadata if file.is_ome else None
     if ome:
         require_sane_ome(ome, path)
-    number = _choose(file.series, pick.dataset, path)
+    number = choose_series(file.series, pick.dataset, path)
     series = file.series[number]
     keyframe = series.keyframe
     axes = axes_of(series, pick.axes, path)
@@ -273,6 +275,12 @@ class TiffSource(PlaneSource):
         if stored > 2 * nbytes + (1 << 20):
             raise _damaged(self.path, segment, f"{stored} bytes hold no more than {nbytes}")
         data = self._bytes(page.path, page.offsets[segment], stored, segment)
+        if self._keyframe.compression in _JPEGS:
+            npixels = coded_npixels((page.jpegheader or b"") + data)
+            if npixels is None or npixels > 2 * ny * nx:
+                raise _damaged(
+                    self.path, segment, f"its code is of {npixels} pixels, not {ny * nx}"
+                )
         tables: dict[str, Any] = {}
         if page.jpegtables is not None:
             tables["jpegtables"] = page.jpegtables
@@ -312,25 +320,6 @@ class TiffSource(PlaneSource):
     def _close(self) -> None:
         super()._close()
         self._file.close()
-
-
-def _choose(all_series: Sequence[Any], dataset: str | None, path: Path) -> int:
-    """The number of the image that is asked for, or of the only one."""
-    if dataset is None and len(all_series) == 1:
-        return 0
-    listed = ", ".join(
-        f"{i} ({printable(series.name) or 'unnamed'}: {series.axes} {series.shape})"
-        for i, series in enumerate(all_series[:16])
-    )
-    if dataset is not None and dataset.isdecimal() and int(dataset) < len(all_series):
-        return int(dataset)
-    asked = "" if dataset is None else f"; there is no {printable(dataset)!r}"
-    raise UnsupportedSourceError(
-        f"{path}: holds {len(all_series)} images: {listed}{asked}; choose one by its number "
-        "(--dataset 0)",
-        path=str(path),
-        images=len(all_series),
-    )
 
 
 def _require_codec(keyframe: Any, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,29 @@ class Axes:
         for letter, size in self.leading:
             index = index * size + at[letter]
         return index, separate
+
+
+def choose_series(all_series: Sequence[Any], dataset: str | None, path: Path) -> int:
+    """The number of the image that is asked for, or of the only one.
+
+    Raises:
+        UnsupportedSourceError: there are several and none is asked for, or no such one.
+    """
+    if dataset is None and len(all_series) == 1:
+        return 0
+    listed = ", ".join(
+        f"{i} ({printable(series.name) or 'unnamed'}: {series.axes} {series.shape})"
+        for i, series in enumerate(all_series[:16])
+    )
+    if dataset is not None and dataset.isdecimal() and int(dataset) < len(all_series):
+        return int(dataset)
+    asked = "" if dataset is None else f"; there is no {printable(dataset)!r}"
+    raise UnsupportedSourceError(
+        f"{path}: holds {len(all_series)} images: {listed}{asked}; choose one by its number "
+        "(--dataset 0)",
+        path=str(path),
+        images=len(all_series),
+    )
 
 
 def axes_of(series: Any, asked: str | None, path: Path) -> Axes:
