@@ -18,6 +18,8 @@ import nrrd
 import numpy as np
 import pytest
 
+from .writers_images import WRITERS as IMAGE_WRITERS
+
 SPACING_ZYX = (2.5, 0.75, 0.5)
 
 
@@ -286,6 +288,7 @@ WRITERS: tuple[Writer, ...] = (
     metaimage_detached_msb,
     metaimage_header_size_from_the_end,
     metaimage_zraw,
+    *IMAGE_WRITERS,
 )
 for _writer in WRITERS:
     if _writer.__name__.startswith(("nifti", "nrrd", "metaimage")):

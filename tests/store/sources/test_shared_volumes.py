@@ -12,6 +12,8 @@ import nibabel
 import nrrd
 import numpy as np
 import pytest
+import tifffile
+from PIL import Image
 
 from octobrick.store.box import Box
 from octobrick.store.sources import open_source
@@ -83,3 +85,34 @@ def test_real_volume_is_as_listed_and_a_slab_equals_another_reader(listed):
         np.testing.assert_array_equal(
             source.read(slab), listed.read(DATA / listed.file)[slab.slices]
         )
+
+
+@pytest.mark.parametrize(
+    ("file", "shape_zyx", "nc"),
+    [
+        ("rgb_histology.tif", (35, 670, 1024), 3),
+        ("fluor_mousebrain_u16.tif", (270, 193, 271), 1),
+        ("em_fib25_train1.tif", (250, 250, 250), 1),
+    ],
+)
+def test_real_tiff_stack_equals_its_pages(file, shape_zyx, nc):
+    with open_source(DATA / file) as source:
+        assert (source.shape_zyx, source.nc, source.is_rgb) == (shape_zyx, nc, nc == 3)
+        _, ny, nx = shape_zyx
+        read = source.read_channels(Box((7, 0, 0), (9, ny, nx)))
+    for z in range(2):
+        page = tifffile.imread(DATA / file, key=7 + z).reshape(ny, nx, nc)
+        np.testing.assert_array_equal(read[:, z], page.transpose(2, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("folder", "shape_zyx"),
+    [("lightfield_grid16", (256, 256, 384)), ("lightfield_row13", (27, 640, 960))],
+)
+def test_real_slices_equal_each_picture(folder, shape_zyx):
+    with open_source(DATA / folder) as source:
+        assert (source.shape_zyx, source.is_rgb) == (shape_zyx, True)
+        _, ny, nx = shape_zyx
+        read = source.read_channels(Box((11, 0, 0), (12, ny, nx)))[:, 0]
+        picture = np.asarray(Image.open(source.files[11]))
+    np.testing.assert_array_equal(read, picture.transpose(2, 0, 1))

@@ -17,6 +17,7 @@ from octobrick.store.sources.described import (
     open_described,
     require_spacing,
 )
+from octobrick.store.sources.dicom import open_dicom
 from octobrick.store.sources.formats import (
     FORMATS,
     HEAD_NBYTES,
@@ -26,6 +27,17 @@ from octobrick.store.sources.formats import (
     recognise,
 )
 from octobrick.store.sources.head import read_head, read_head_inflated
+from octobrick.store.sources.several import (
+    dicoms_of,
+    files_of,
+    is_picture,
+    is_several,
+    is_zarr,
+    pictures_of,
+    refuse_folder,
+)
+from octobrick.store.sources.slices import is_slice, open_slices
+from octobrick.store.sources.time_series import open_time_series
 
 __all__ = ["Channel", "Description", "Rescale", "Source", "open_source"]
 
@@ -44,7 +56,9 @@ def open_source(
     """A volume of any format that is read, open; close it, or use it as a context manager.
 
     Args:
-        path: the file; of a header with a data file of its own, the header.
+        path: the file; of a header with a data file of its own, the header; a folder of pictures
+            (the slices of one volume) or DICOM files, or a pattern (``*``, ``?``, ``[``) of such
+            files, or of files that are one time step each.
         shape_zyx: voxels of a raw file along z, y and x.
         dtype: sample type of a raw file.
         spacing_zyx: distance of voxels; takes the place of what the header says.
@@ -62,11 +76,44 @@ def open_source(
     """
     path = Path(path)
     options = RawOptions(shape_zyx, dtype, spacing_zyx, offset_nbytes, big_endian)
+    pick = Pick(dataset, axes)
+    if is_several(path):
+        return _open_several(path, options, pick)
+    return _open_file(path, options, pick)
+
+
+def _open_several(path: Path, options: RawOptions, pick: Pick) -> Source:
+    """A folder or pattern: DICOM files as a series, pictures as slices, others as time steps."""
+    if is_zarr(path):
+        raise UnsupportedSourceError(
+            f"{path}: is a Zarr group or array, which is not read; export it to another format",
+            path=str(path),
+        )
+    files = files_of(path)
+    dicoms, notes = dicoms_of(path, files)
+    if dicoms:
+        _refuse_options(path, "DICOM", options)
+        return _with_spacing(open_dicom(path, dicoms, pick, notes), options, path)
+    if path.is_dir():
+        pictures, notes = pictures_of(path, files)
+        if not pictures:
+            refuse_folder(path, files)
+    elif all(is_picture(file) for file in files) and is_slice(files[0]):
+        pictures = files
+    elif len(files) == 1:
+        return _open_file(files[0], options, pick)
+    else:
+        return open_time_series(path, files, lambda file: _open_file(file, options, pick))
+    _refuse_options(path, "slices", options, pick)
+    return _with_spacing(open_slices(path, pictures, notes), options, path)
+
+
+def _open_file(path: Path, options: RawOptions, pick: Pick) -> Source:
     is_gz = path.suffix.lower() == ".gz"
     head = (read_head_inflated if is_gz else read_head)(path, HEAD_NBYTES)
     known = recognise(path, head)
     if known is not None:
-        return _open_known(known, path, options, Pick(dataset, axes))
+        return _open_known(known, path, options, pick)
     options = complete(path, options)
     foreign = foreign_name(head)
     if options.is_complete or (foreign is None and is_raw_name(path)):
@@ -76,17 +123,32 @@ def open_source(
 
 def _open_known(known: Format, path: Path, options: RawOptions, pick: Pick) -> Source:
     """Open a file that describes itself, of which a caller may only correct the spacing."""
-    if given := options.given():
+    _refuse_options(path, known.name, options)
+    require_spacing(options.spacing_zyx, path)
+    return _with_spacing(known.open(path, pick), options, path)
+
+
+def _refuse_options(
+    path: Path, format_name: str, options: RawOptions, pick: Pick | None = None
+) -> None:
+    """Refuse what a file that describes itself does not need to be told."""
+    if given := options.given() + (pick.given() if pick else []):
         raise InvalidInputError(
-            f"{path}: is {known.name} and describes itself; leave out {', '.join(given)}",
+            f"{path}: is {format_name} and describes itself; leave out {', '.join(given)}",
             path=str(path),
-            format=known.name,
+            format=format_name,
             options=given,
         )
-    spacing_zyx = require_spacing(options.spacing_zyx, path)
-    source = known.open(path, pick)
+
+
+def _with_spacing(source: Source, options: RawOptions, path: Path) -> Source:
+    """The source with the spacing that a caller gives in place of its own."""
     if options.spacing_zyx is not None:
-        source.spacing_zyx = spacing_zyx
+        try:
+            source.spacing_zyx = require_spacing(options.spacing_zyx, path)
+        except InvalidInputError:
+            source.close()
+            raise
     return source
 
 

@@ -8,12 +8,15 @@ from typing import NamedTuple
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.sources.base import Pick, Source
+from octobrick.store.sources.dicom import open_dicom_file
 from octobrick.store.sources.metaimage import is_metaimage, open_metaimage
 from octobrick.store.sources.nifti import is_nifti, open_nifti
 from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
 from octobrick.store.sources.npy import open_npy
 from octobrick.store.sources.nrrd import MAGIC as NRRD_MAGIC
 from octobrick.store.sources.nrrd import open_nrrd
+from octobrick.store.sources.tiff import open_tiff
+from octobrick.store.sources.tiff_chain import is_tiff
 
 # As much as any check below looks at.
 HEAD_NBYTES = 1024
@@ -56,16 +59,13 @@ FORMATS = (
     Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), alone(open_nrrd)),
     Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
     Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), alone(open_npy)),
+    Format("TIFF", (".tif", ".tiff", ".btf", ".tf8"), is_tiff, open_tiff),
+    Format("DICOM", (".dcm",), lambda head: head[128:132] == b"DICM", open_dicom_file),
 )
 
 # Not read, but told by name: offset, bytes, name.
 _FOREIGN = (
-    (0, b"II*\0", "TIFF"),
-    (0, b"MM\0*", "TIFF"),
-    (0, b"II+\0", "BigTIFF"),
-    (0, b"MM\0+", "BigTIFF"),
     (0, b"\x89HDF\r\n\x1a\n", "HDF5"),
-    (128, b"DICM", "DICOM"),
     (0, b"PK\x03\x04", "a zip archive, as .npz is"),
     (0, b" BDV", "OpenVDB"),
     (0, b"\x89PNG\r\n", "PNG"),
