@@ -121,3 +121,9 @@ WRITERS = (
     tiff_slices,
     dicom_series,
 )
+
+# Horizontal prediction of LZW is for numbers of up to 32 bits, OME and DICOM name no others either.
+_UP_TO_32 = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32")
+bigtiff_tiles_lzw.dtypes = (*_UP_TO_32, "float16", "float64")
+ome_tiff_zstd.dtypes = (*_UP_TO_32, "bool", "float64")
+dicom_series.dtypes = _UP_TO_32
