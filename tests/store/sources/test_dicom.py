@@ -305,3 +305,13 @@ def test_axes_and_shape_are_refused(tmp_path):
         open_source(tmp_path, axes="zyx")
     with pytest.raises(InvalidInputError, match="--shape"):
         open_source(tmp_path, shape_zyx=(3, 5, 6))
+
+
+def test_wrong_byte_order_is_refused(tmp_path):
+    dicom_file(tmp_path / "a.dcm", volume(5, 6))
+    content = (tmp_path / "a.dcm").read_bytes()
+    wrong = content.replace(b"1.2.840.10008.1.2.1\0", b"1.2.840.10008.1.2.2\0")
+    assert wrong != content
+    (tmp_path / "a.dcm").write_bytes(wrong)
+    with pytest.raises((SourceError, UnsupportedSourceError), match=r"a\.dcm"):
+        open_source(tmp_path / "a.dcm")

@@ -274,3 +274,23 @@ def test_jpeg_that_says_it_is_enormous_is_not_decoded(tmp_path):
         pytest.raises(SourceError, match="its code is of 4294836225 pixels, not 512"),
     ):
         source.read(Box.of_shape(source.shape_zyx))
+
+
+def test_wrong_byte_order_is_refused(tmp_path):
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, numbers(3, 5, 6), photometric="minisblack", byteorder="<")
+    path.write_bytes(b"MM\0*" + path.read_bytes()[4:])
+    with pytest.raises(SourceError, match=r"a\.tif: the directory of page 0"):
+        open_source(path)
+
+
+def test_refused_files_are_not_left_open(tmp_path):
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        file.write(numbers(3, 5, 6), photometric="minisblack")
+        file.write(numbers(4, 7, 8), photometric="minisblack")
+    descriptors = Path("/proc/self/fd")
+    before = len(list(descriptors.iterdir()))
+    for _ in range(3):
+        with pytest.raises(UnsupportedSourceError):
+            open_source(tmp_path / "a.tif")
+    assert len(list(descriptors.iterdir())) == before
