@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
 import click
+
+Ends = tuple[tuple[int | None, int | None], ...]  # first and last but one along z, y and x
 
 Callback = Callable[[click.Context, click.Parameter, str | None], tuple[Any, ...] | None]
 
@@ -37,3 +40,14 @@ def size(_context: click.Context, _parameter: click.Parameter, text: str) -> tup
     if not (width.isdecimal() and height.isdecimal() and int(width) and int(height)):
         raise click.BadParameter(f"{text!r} is not a size like 768x768")
     return int(width), int(height)
+
+
+def ranges(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Ends | None:
+    """The callback for a box of voxels, such as ``0:64,:,128:``; None for ends that are open."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d*):(\d*),(\d*):(\d*),(\d*):(\d*)", text.replace(" ", ""), re.ASCII)
+    if found is None:
+        raise click.BadParameter(f"{text!r} is not a box of voxels like 0:64,0:128,32:96 (z, y, x)")
+    ends = [int(end) if end else None for end in found.groups()]
+    return tuple(zip(ends[0::2], ends[1::2], strict=True))
