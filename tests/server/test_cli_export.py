@@ -73,6 +73,10 @@ def test_a_level_is_written(tmp_path: Path, volume: Volume) -> None:
         (["{volume}", "{out}.npy", "--box", "1:2,3:4,-5:6"], 2, "invalid-input"),
         (["{volume}", "{out}.npy", "--box", "0:99,:,:"], 2, "invalid-input"),
         (["{volume}", "{out}.npy", "--t", "1"], 2, "invalid-input"),
+        (["{volume}", "{out}.npy", "--active", "3:"], 2, "invalid-input"),
+        (["{volume}", "{out}.vdb", "--active", "7"], 2, "invalid-input"),
+        (["{volume}", "{out}.vdb", "--active", "7:x"], 2, "invalid-input"),
+        (["{volume}", "{out}.vdb", "--active", "7:-5"], 2, "invalid-input"),
         (["{volume}", "{there}"], 1, "destination-exists"),
     ],
 )

@@ -16,7 +16,7 @@ from octobrick.server.cli.text import (
     format_shape,
     print_table,
 )
-from octobrick.server.cli.values import Ends, ranges
+from octobrick.server.cli.values import Ends, interval, ranges
 
 if TYPE_CHECKING:
     from octobrick.store import Box, Volume
@@ -38,6 +38,12 @@ if TYPE_CHECKING:
 @click.option("--t", type=int, default=0, show_default=True, help="Time step.")
 @click.option("--c", type=int, default=0, show_default=True, help="Channel.")
 @click.option("--compress", is_flag=True, help="gzip in .nrrd, zlib in .tif.")
+@click.option(
+    "--active",
+    metavar="LO:HI",
+    callback=interval,
+    help="Values of the voxels that .vdb keeps; an end may be left out.  [default: all]",
+)
 @click.option("--overwrite", is_flag=True, help="Replace what is at OUT already.")
 @click.option("--workers", type=int, help="Decoding threads.  [default: one per processor]")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
@@ -50,6 +56,7 @@ def export(
     t: int,
     c: int,
     compress: bool,
+    active: tuple[float, float] | None,
     overwrite: bool,
     workers: int | None,
     as_json: bool,
@@ -58,7 +65,8 @@ def export(
     """Write a region of VOLUME to OUT, whose name says the format.
 
     NAME.npy, .nrrd, .nii, .nii.gz, .tif (OME-TIFF), .ome.zarr (all coarser levels too) or .vdb.
-    Memory holds a layer of bricks, at most 512 MiB. OUT appears when it is complete.
+    Memory holds a layer of bricks, at most 512 MiB, and all active voxels of a .vdb. OUT appears
+    when it is complete.
     """
     from octobrick.server.cli.progress import ProgressReport
     from octobrick.store import open_volume
@@ -77,6 +85,7 @@ def export(
             t=t,
             c=c,
             compress=compress,
+            active=active,
             overwrite=overwrite,
             workers=workers,
             progress=progress,

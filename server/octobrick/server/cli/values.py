@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from typing import Any
@@ -51,3 +52,20 @@ def ranges(_context: click.Context, _parameter: click.Parameter, text: str | Non
         raise click.BadParameter(f"{text!r} is not a box of voxels like 0:64,0:128,32:96 (z, y, x)")
     ends = [int(end) if end else None for end in found.groups()]
     return tuple(zip(ends[0::2], ends[1::2], strict=True))
+
+
+def interval(
+    _context: click.Context, _parameter: click.Parameter, text: str | None
+) -> tuple[float, float] | None:
+    """The callback for a range of values, such as ``-100:300`` or ``0.5:``, open ends infinite."""
+    if text is None:
+        return None
+    low, colon, high = text.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        return float(low or -math.inf), float(high or math.inf)
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is not a range of values like 100:300 or 0.5:"
+        ) from None
