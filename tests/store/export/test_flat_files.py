@@ -223,7 +223,7 @@ def test_memory_is_that_of_a_layer_not_of_the_volume(
 ) -> None:
     monkeypatch.setattr(ome_zarr, "_SHARD_SIDE", 64)
     voxels = steps((512, 128, 128))
-    with lossless(voxels) as volume:
+    with lossless(voxels, brick=32) as volume:
         export(volume, tmp_path / f"warm{suffix}", level=3)  # what is imported does not count
         tracemalloc.start()
         try:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from octobrick.server.cli.failure import EXIT_INTERRUPTED
+from octobrick.server.cli.stoppable import stoppable
 from octobrick.server.cli.text import (
     format_nbytes,
     format_psnr,
@@ -85,7 +83,7 @@ def ingest(
 
     chosen = _codec(codec, bits, block)
     try:
-        with _stoppable():
+        with stoppable():
             itemsize = _announce(source, options, quiet=quiet or as_json)
             with ProgressReport(itemsize, quiet=quiet) as progress:
                 result = store.ingest(source, dest, codec=chosen, progress=progress, **options)
@@ -129,16 +127,6 @@ def _announce(source: Path, options: dict[str, Any], *, quiet: bool) -> int:
                 f"(z×y×x), {format_nbytes(math.prod(shape_zyx) * itemsize)}"
             )
         return itemsize
-
-
-@contextlib.contextmanager
-def _stoppable() -> Iterator[None]:
-    """Let SIGTERM stop an ingest as tidily as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _remains(dest: Path) -> str:
