@@ -4,20 +4,26 @@ The names listed in ``__all__`` are the component's promise; everything else may
 """
 
 from octobrick.store.box import Box, Zyx
+from octobrick.store.export import ExportResult, export
 from octobrick.store.ingest import ingest
 from octobrick.store.level import Level
 from octobrick.store.progress import Progress
 from octobrick.store.report import IngestResult, LevelReport
+from octobrick.store.synth import SynthResult, synth
 from octobrick.store.volume import Volume, open_volume
 
 __all__ = [
     "Box",
+    "ExportResult",
     "IngestResult",
     "Level",
     "LevelReport",
     "Progress",
+    "SynthResult",
     "Volume",
     "Zyx",
+    "export",
     "ingest",
     "open_volume",
+    "synth",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import tifffile
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store import Box, Volume, ingest
-from octobrick.store.export import export
+from octobrick.store.export import export, ome_zarr, tiff
 from octobrick.store.export import region as regions
 from octobrick.store.sources import open_source
 
@@ -202,3 +203,32 @@ def test_a_volume_without_a_place_has_none_afterwards(
                 assert source.unit is None
                 assert source.origin_xyz == (0, 0, 0)
                 assert source.warnings == ()
+
+
+def test_what_4_gb_do_not_hold_is_bigtiff(
+    tmp_path: Path, lossless: Lossless, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tiff, "_TIFF_NBYTES", 37 * (29 * 43 * 2 + 1024) - 1)
+    voxels = steps(SHAPE)
+    with lossless(voxels) as volume:
+        export(volume, tmp_path / "out.tif")
+    with tifffile.TiffFile(tmp_path / "out.tif") as file:
+        assert file.is_bigtiff
+        np.testing.assert_array_equal(file.asarray(), voxels)
+
+
+@pytest.mark.parametrize("suffix", [*FLAT, ".ome.zarr"])
+def test_memory_is_that_of_a_layer_not_of_the_volume(
+    tmp_path: Path, lossless: Lossless, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ome_zarr, "_SHARD_SIDE", 64)
+    voxels = steps((512, 128, 128))
+    with lossless(voxels, brick=32) as volume:
+        export(volume, tmp_path / f"warm{suffix}", level=3)  # what is imported does not count
+        tracemalloc.start()
+        try:
+            export(volume, tmp_path / f"out{suffix}", workers=1)
+            peak_nbytes = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+    assert peak_nbytes < voxels.nbytes / 3

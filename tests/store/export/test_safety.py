@@ -17,7 +17,7 @@ from octobrick.store.errors import (
     DestinationExistsError,
     VolumeNotFoundError,
 )
-from octobrick.store.export import export, stream
+from octobrick.store.export import export, npy
 
 from .conftest import steps
 
@@ -118,8 +118,7 @@ def test_no_space_is_told_and_leaves_nothing(
     def fail(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(stream, "write_voxels", fail)
-    monkeypatch.setattr("octobrick.store.export.npy.write_voxels", fail)
+    monkeypatch.setattr(npy, "write_voxels", fail)
     with pytest.raises(DestinationError, match="free some space"):
         export(volume, folder / "v.npy")
     assert list(folder.iterdir()) == []

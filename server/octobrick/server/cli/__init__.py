@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from octobrick.server.cli.export import export
 from octobrick.server.cli.failure import report_failure
 from octobrick.server.cli.info import info
 from octobrick.server.cli.ingest import ingest
@@ -50,5 +51,5 @@ def main(debug: bool) -> None:
     """Volumes too big for memory: compress, look at and serve them."""
 
 
-for _command in (ingest, info, render, serve, synth, verify):
+for _command in (ingest, info, render, serve, export, synth, verify):
     main.add_command(_command)

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
-import signal
-import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +11,7 @@ import click
 
 from octobrick.server.cli.failure import EXIT_INTERRUPTED
 from octobrick.server.cli.source_options import open_given, source_options
+from octobrick.server.cli.stoppable import cancellable
 from octobrick.server.cli.text import (
     format_nbytes,
     format_psnr,
@@ -23,13 +20,11 @@ from octobrick.server.cli.text import (
     format_shape,
     print_table,
 )
-from octobrick.server.cli.values import box, numbers
+from octobrick.server.cli.values import Ends, numbers, ranges
 
 if TYPE_CHECKING:
-    from types import FrameType
-
     from octobrick.codec import S3dc
-    from octobrick.store import IngestResult
+    from octobrick.store import Box, IngestResult
 
 
 @click.command()
@@ -71,9 +66,9 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--region",
-    metavar="BOX",
-    callback=box,
-    help="Store only these voxels, such as 0:64,100:612,:",
+    metavar="Z0:Z1,Y0:Y1,X0:X1",
+    callback=ranges,
+    help="Store only these voxels; an end may be left out.",
 )
 @source_options
 @click.option(
@@ -92,6 +87,7 @@ def ingest(
     max_error: float | None,
     bits_per_voxel: float | None,
     block: int | None,
+    region: Ends | None,
     as_json: bool,
     quiet: bool,
     **options: Any,
@@ -109,11 +105,17 @@ def ingest(
     rule = {"bits": bits, "max_error": max_error, "bits_per_voxel": bits_per_voxel}
     chosen = _codec(codec, {k: v for k, v in rule.items() if v is not None}, block)
     try:
-        with _stoppable() as cancel:
+        with cancellable() as cancel:
             itemsize = _announce(source, options, quiet=quiet or as_json)
             with ProgressReport(itemsize, quiet=quiet) as progress:
                 result = store.ingest(
-                    source, dest, codec=chosen, progress=progress, cancel=cancel, **options
+                    source,
+                    dest,
+                    codec=chosen,
+                    region=_region(region),
+                    progress=progress,
+                    cancel=cancel,
+                    **options,
                 )
     except (KeyboardInterrupt, IngestCancelledError):
         click.echo(f"octobrick: interrupted; {_remains(dest)}", err=True)
@@ -145,6 +147,16 @@ def _codec(name: str | None, rule: dict[str, Any], block: int | None) -> S3dc | 
     return None
 
 
+def _region(ends: Ends | None) -> Box | None:
+    """The box of voxels, with -1 for an end that only the source knows."""
+    from octobrick.store import Box
+
+    if ends is None:
+        return None
+    (z0, z1), (y0, y1), (x0, x1) = ((a or 0, -1 if b is None else b) for a, b in ends)
+    return Box((z0, y0, x0), (z1, y1, x1))
+
+
 def _announce(source: str, options: dict[str, Any], *, quiet: bool) -> int:
     """Say what is in the source; returns the bytes of a voxel."""
     with open_given(source, options) as opened:
@@ -157,24 +169,6 @@ def _announce(source: str, options: dict[str, Any], *, quiet: bool) -> int:
                 f"{format_nbytes(math.prod(shape_zyx) * opened.nt * opened.nc * itemsize)}"
             )
         return itemsize
-
-
-@contextlib.contextmanager
-def _stoppable() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and SIGTERM set; a second one stops at once, without a checkpoint."""
-    cancel = threading.Event()
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        if cancel.is_set():
-            signal.default_int_handler(number, frame)
-        cancel.set()
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield cancel
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _parts(nt: int, nc: int) -> str:

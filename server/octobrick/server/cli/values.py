@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-if TYPE_CHECKING:
-    from octobrick.store.box import Box
+Ends = tuple[tuple[int | None, int | None], ...]  # first and last but one along z, y and x
 
 Callback = Callable[[click.Context, click.Parameter, str | None], tuple[Any, ...] | None]
 
@@ -42,20 +43,29 @@ def size(_context: click.Context, _parameter: click.Parameter, text: str) -> tup
     return int(width), int(height)
 
 
-def box(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Box | None:
-    """The callback for a box of voxels, as Python slices in the order z, y, x: ``0:64,:,8:72``.
-
-    An end that is left out is the volume's; it is written as -1 and known when the source is.
-    """
-    from octobrick.store.box import Box
-
+def ranges(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Ends | None:
+    """The callback for a box of voxels, such as ``0:64,:,128:``; None for ends that are open."""
     if text is None:
         return None
-    sides = [part.split(":") for part in text.split(",")]
-    is_box = len(sides) == 3 and all(
-        len(side) == 2 and all(not end or end.isdecimal() for end in side) for side in sides
-    )
-    if not is_box:
-        raise click.BadParameter(f"{text!r} is not a box like 0:64,100:612,: (z, y, x)")
-    (z0, z1), (y0, y1), (x0, x1) = ((int(a or 0), int(b or -1)) for a, b in sides)
-    return Box((z0, y0, x0), (z1, y1, x1))
+    found = re.fullmatch(r"(\d*):(\d*),(\d*):(\d*),(\d*):(\d*)", text.replace(" ", ""), re.ASCII)
+    if found is None:
+        raise click.BadParameter(f"{text!r} is not a box of voxels like 0:64,0:128,32:96 (z, y, x)")
+    ends = [int(end) if end else None for end in found.groups()]
+    return tuple(zip(ends[0::2], ends[1::2], strict=True))
+
+
+def interval(
+    _context: click.Context, _parameter: click.Parameter, text: str | None
+) -> tuple[float, float] | None:
+    """The callback for a range of values, such as ``-100:300`` or ``0.5:``, open ends infinite."""
+    if text is None:
+        return None
+    low, colon, high = text.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        return float(low or -math.inf), float(high or math.inf)
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is not a range of values like 100:300 or 0.5:"
+        ) from None

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from octobrick.codec.errors import UnsupportedError
+from octobrick.store.export.options import WriterOptions
 from octobrick.store.export.packages import require_package
 from octobrick.store.export.region import Region
 from octobrick.store.export.stream import gzip_writer, write_voxels
@@ -40,7 +41,7 @@ _SCANNER, _ALIGNED = 1, 2  # codes of what an affine leads to
 _RAS_OF_LPS = np.diag([-1.0, -1.0, 1.0])
 
 
-def write_nifti(region: Region, path: Path, compress: bool) -> list[str]:  # noqa: ARG001
+def write_nifti(region: Region, path: Path, options: WriterOptions) -> list[str]:  # noqa: ARG001
     """Write a region with its affine in RAS; returns what NIfTI cannot hold.
 
     Raises:

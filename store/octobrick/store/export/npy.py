@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from octobrick.store.export.losses import losses
+from octobrick.store.export.options import WriterOptions
 from octobrick.store.export.region import Region
 from octobrick.store.export.stream import write_voxels
 
 
-def write_npy(region: Region, path: Path, compress: bool) -> list[str]:  # noqa: ARG001
+def write_npy(region: Region, path: Path, options: WriterOptions) -> list[str]:  # noqa: ARG001
     """Write a region, C order [z, y, x]; returns what ``.npy`` cannot hold."""
     header = {
         "descr": region.dtype.newbyteorder("<").str,

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from octobrick.store.export.losses import losses
+from octobrick.store.export.options import WriterOptions
 from octobrick.store.export.region import Region
 from octobrick.store.export.stream import gzip_writer, write_voxels
 
@@ -24,11 +25,11 @@ _UNITS = {
 }
 
 
-def write_nrrd(region: Region, path: Path, compress: bool) -> list[str]:
+def write_nrrd(region: Region, path: Path, options: WriterOptions) -> list[str]:
     """Write a region; its space is LPS where a direction is known, else one without a name."""
     with path.open("wb") as file:
-        file.write(_header(region, compress=compress))
-        if compress:
+        file.write(_header(region, compress=options.compress))
+        if options.compress:
             with gzip_writer(file) as compressed:
                 write_voxels(compressed, region)  # type: ignore[arg-type]
         else:

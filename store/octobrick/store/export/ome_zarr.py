@@ -11,6 +11,7 @@ from zarr.codecs import BytesCodec, ZstdCodec
 
 from octobrick.store.box import Box, cell_box, cells_touching
 from octobrick.store.export.losses import losses
+from octobrick.store.export.options import WriterOptions
 from octobrick.store.export.region import Region
 
 _AXES = ("t", "c", "z", "y", "x")
@@ -18,7 +19,7 @@ _SHARD_SIDE = 256  # voxels, about: a shard is what is held in memory
 _ZSTD_LEVEL = 3
 
 
-def write_ome_zarr(region: Region, path: Path, compress: bool) -> list[str]:  # noqa: ARG001
+def write_ome_zarr(region: Region, path: Path, options: WriterOptions) -> list[str]:  # noqa: ARG001
     """Write a region of every level, shard by shard; returns what OME-Zarr cannot hold.
 
     Chunks are the volume's bricks. Neuroglancer, napari, TensorStore and zarr-python read it

@@ -11,6 +11,7 @@ from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box
 from octobrick.store.export.formats import ExportFormat, format_of
 from octobrick.store.export.ome_zarr import levels_of
+from octobrick.store.export.options import WriterOptions
 from octobrick.store.export.region import Region
 from octobrick.store.export.result import ExportResult
 from octobrick.store.progress import ProgressCallback, ProgressMeter, peak_rss_nbytes
@@ -27,6 +28,7 @@ def export(
     t: int = 0,
     c: int = 0,
     compress: bool = False,
+    active: tuple[float, float] | None = None,
     overwrite: bool = False,
     workers: int | None = None,
     progress: ProgressCallback | None = None,
@@ -45,6 +47,8 @@ def export(
         t: time step.
         c: channel.
         compress: gzip data in ``.nrrd``, zlib in ``.tif``; ``.nii.gz`` and OME-Zarr always are.
+        active: lowest and highest value of the voxels that a ``.vdb`` keeps; by default all. Its
+            memory grows with them.
         overwrite: replace what is already there, if it is of the same kind.
         workers: decoding threads; by default one per processor.
         progress: called after each piece that was written.
@@ -60,7 +64,8 @@ def export(
     out = Path(out)
     if workers is not None and not 1 <= workers <= 1024:
         raise InvalidInputError(f"workers {workers}: must be 1 to 1024", workers=workers)
-    format_ = format_of(out, compress=compress)
+    options = WriterOptions(compress=compress, active=active)
+    format_ = format_of(out, options)
     with contextlib.ExitStack() as stack:
         if not isinstance(volume, Volume):
             volume = stack.enter_context(open_volume(volume))
@@ -70,7 +75,7 @@ def export(
         meter = ProgressMeter(sum(each.box.nvoxels for each in levels), progress)
         region.meter = meter
         with _staged(out, format_, overwrite=overwrite) as partial:
-            warnings = format_.write(region, partial, compress)
+            warnings = format_.write(region, partial, options)
         elapsed = meter.elapsed_seconds
         return ExportResult(
             path=str(out),

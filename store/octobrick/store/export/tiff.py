@@ -8,6 +8,7 @@ from typing import Any
 
 from octobrick.codec.errors import UnsupportedError
 from octobrick.store.export.losses import losses
+from octobrick.store.export.options import WriterOptions
 from octobrick.store.export.packages import require_package
 from octobrick.store.export.region import Region
 
@@ -24,7 +25,7 @@ _PAGE_NBYTES = 1024  # of tags, generously
 _TIFF_NBYTES = 2**32 - 2**20
 
 
-def write_tiff(region: Region, path: Path, compress: bool) -> list[str]:
+def write_tiff(region: Region, path: Path, options: WriterOptions) -> list[str]:
     """Write a region plane by plane, as it is or with zlib; returns what OME-TIFF cannot hold.
 
     Raises:
@@ -45,8 +46,8 @@ def write_tiff(region: Region, path: Path, compress: bool) -> list[str]:
             shape=region.shape_zyx,
             dtype=region.dtype,
             photometric="minisblack",
-            compression="zlib" if compress else None,
-            rowsperstrip=None if compress else ny,
+            compression="zlib" if options.compress else None,
+            rowsperstrip=None if options.compress else ny,
             metadata=_metadata(region),
         )
     return losses(region, "OME-TIFF", "direction", "rescale")
