@@ -18,6 +18,8 @@ import nrrd
 import numpy as np
 import pytest
 
+from .writers_openvdb import OPENVDB_WRITERS
+
 SPACING_ZYX = (2.5, 0.75, 0.5)
 
 
@@ -268,6 +270,7 @@ WRITERS: tuple[Writer, ...] = (
     metaimage_detached_msb,
     metaimage_header_size_from_the_end,
     metaimage_zraw,
+    *OPENVDB_WRITERS,
 )
 READ_DTYPES = ("uint8", "int8", "uint16", "int16", "float32")
 

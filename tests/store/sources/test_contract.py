@@ -47,6 +47,8 @@ class TestSourceContract:
         assert described["format"]
 
     def test_whole_volume_of_every_type_equals_what_was_written(self, tmp_path, writer, dtype):
+        if dtype not in getattr(writer, "dtypes", (dtype,)):
+            pytest.skip(f"the format has no {dtype}")
         from_bits = np.random.default_rng(3).integers(0, 256, (2, 3, 5, np.dtype(dtype).itemsize))
         voxels = np.nan_to_num(from_bits.astype(np.uint8).view(dtype)[..., 0])
         sample = writer(tmp_path, voxels)

@@ -79,7 +79,6 @@ def _writers(request):
         ("a.dcm", bytes(128) + b"DICM", "DICOM"),
         ("IM0001", bytes(128) + b"DICM", "DICOM"),
         ("a.npz", b"PK\x03\x04", "npz"),
-        ("a.vdb", b" BDV", "OpenVDB"),
         ("a.raw.bz2", b"BZh9", "bzip2"),
     ],
 )

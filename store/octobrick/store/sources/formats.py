@@ -14,6 +14,8 @@ from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
 from octobrick.store.sources.npy import open_npy
 from octobrick.store.sources.nrrd import MAGIC as NRRD_MAGIC
 from octobrick.store.sources.nrrd import open_nrrd
+from octobrick.store.sources.openvdb import MAGIC as OPENVDB_MAGIC
+from octobrick.store.sources.openvdb import open_openvdb
 
 # As much as any check below looks at.
 HEAD_NBYTES = 1024
@@ -55,6 +57,7 @@ FORMATS = (
     ),
     Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), alone(open_nrrd)),
     Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
+    Format("OpenVDB", (".vdb",), lambda head: head.startswith(OPENVDB_MAGIC), open_openvdb),
     Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), alone(open_npy)),
 )
 
@@ -67,7 +70,6 @@ _FOREIGN = (
     (0, b"\x89HDF\r\n\x1a\n", "HDF5"),
     (128, b"DICM", "DICOM"),
     (0, b"PK\x03\x04", "a zip archive, as .npz is"),
-    (0, b" BDV", "OpenVDB"),
     (0, b"\x89PNG\r\n", "PNG"),
     (0, b"\xff\xd8\xff", "JPEG"),
     (0, b"BZh", "bzip2 data"),
