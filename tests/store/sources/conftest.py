@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from .writers_images import WRITERS as IMAGE_WRITERS
+from .writers_openvdb import OPENVDB_WRITERS
 
 SPACING_ZYX = (2.5, 0.75, 0.5)
 
@@ -289,6 +290,7 @@ WRITERS: tuple[Writer, ...] = (
     metaimage_header_size_from_the_end,
     metaimage_zraw,
     *IMAGE_WRITERS,
+    *OPENVDB_WRITERS,
 )
 for _writer in WRITERS:
     if _writer.__name__.startswith(("nifti", "nrrd", "metaimage")):

@@ -105,7 +105,6 @@ def _writers(request):
     [
         ("a.h5", b"\x89HDF\r\n\x1a\nrest", "HDF5"),
         ("a.npz", b"PK\x03\x04", "npz"),
-        ("a.vdb", b" BDV", "OpenVDB"),
         ("a.raw.bz2", b"BZh9", "bzip2"),
     ],
 )

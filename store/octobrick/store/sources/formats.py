@@ -15,6 +15,8 @@ from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
 from octobrick.store.sources.npy import open_npy
 from octobrick.store.sources.nrrd import MAGIC as NRRD_MAGIC
 from octobrick.store.sources.nrrd import open_nrrd
+from octobrick.store.sources.openvdb import MAGIC as OPENVDB_MAGIC
+from octobrick.store.sources.openvdb import open_openvdb
 from octobrick.store.sources.tiff import open_tiff
 from octobrick.store.sources.tiff_chain import is_tiff
 
@@ -58,6 +60,7 @@ FORMATS = (
     ),
     Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), alone(open_nrrd)),
     Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
+    Format("OpenVDB", (".vdb",), lambda head: head.startswith(OPENVDB_MAGIC), open_openvdb),
     Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), alone(open_npy)),
     Format("TIFF", (".tif", ".tiff", ".btf", ".tf8"), is_tiff, open_tiff),
     Format("DICOM", (".dcm",), lambda head: head[128:132] == b"DICM", open_dicom_file),
@@ -67,7 +70,6 @@ FORMATS = (
 _FOREIGN = (
     (0, b"\x89HDF\r\n\x1a\n", "HDF5"),
     (0, b"PK\x03\x04", "a zip archive, as .npz is"),
-    (0, b" BDV", "OpenVDB"),
     (0, b"\x89PNG\r\n", "PNG"),
     (0, b"\xff\xd8\xff", "JPEG"),
     (0, b"BZh", "bzip2 data"),
