@@ -13,6 +13,7 @@ from pydicom.uid import (
     ImplicitVRLittleEndian,
     JPEG2000Lossless,
     JPEGBaseline8Bit,
+    JPEGLosslessSV1,
     JPEGLSLossless,
     RLELossless,
 )
@@ -75,10 +76,11 @@ def test_uncompressed_syntaxes(tmp_path, syntax):
     [
         (JPEGLSLossless, imagecodecs.jpegls_encode),
         (JPEG2000Lossless, lambda plane: imagecodecs.jpeg2k_encode(plane, codecformat="j2k")),
+        (JPEGLosslessSV1, imagecodecs.ljpeg_encode),
         (RLELossless, None),
     ],
 )
-@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "int16"])
 def test_compressed_frames(tmp_path, syntax, encode, dtype):
     voxels = volume(3, 17, 20, dtype=dtype)
     for z, plane in enumerate(voxels):
@@ -87,7 +89,7 @@ def test_compressed_frames(tmp_path, syntax, encode, dtype):
             made.compress(RLELossless)
             made.save_as(tmp_path / str(z), enforce_file_format=True)
         else:
-            pixels = encapsulate([encode(plane)])
+            pixels = encapsulate([encode(plane.view(f"u{plane.itemsize}"))])
             dicom_file(tmp_path / str(z), plane, z, syntax=syntax, pixels=pixels)
     with open_source(tmp_path) as source:
         np.testing.assert_array_equal(everything(source), voxels)
