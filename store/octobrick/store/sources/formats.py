@@ -12,6 +12,8 @@ from octobrick.store.sources.metaimage import is_metaimage, open_metaimage
 from octobrick.store.sources.nifti import is_nifti, open_nifti
 from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
 from octobrick.store.sources.npy import open_npy
+from octobrick.store.sources.npz import MAGIC as ZIP_MAGIC
+from octobrick.store.sources.npz import open_npz
 from octobrick.store.sources.nrrd import MAGIC as NRRD_MAGIC
 from octobrick.store.sources.nrrd import open_nrrd
 
@@ -55,7 +57,8 @@ FORMATS = (
     ),
     Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), alone(open_nrrd)),
     Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
-    Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), alone(open_npy)),
+    Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), open_npy),
+    Format("npz", (".npz",), lambda head: head.startswith(ZIP_MAGIC), open_npz),
 )
 
 # Not read, but told by name: offset, bytes, name.
@@ -66,7 +69,6 @@ _FOREIGN = (
     (0, b"MM\0+", "BigTIFF"),
     (0, b"\x89HDF\r\n\x1a\n", "HDF5"),
     (128, b"DICM", "DICOM"),
-    (0, b"PK\x03\x04", "a zip archive, as .npz is"),
     (0, b" BDV", "OpenVDB"),
     (0, b"\x89PNG\r\n", "PNG"),
     (0, b"\xff\xd8\xff", "JPEG"),
