@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.sources.base import Pick, Source
+from octobrick.store.sources.hdf5 import MAGIC as HDF5_MAGIC
+from octobrick.store.sources.hdf5 import open_hdf5
 from octobrick.store.sources.metaimage import is_metaimage, open_metaimage
 from octobrick.store.sources.nifti import is_nifti, open_nifti
 from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
@@ -59,6 +61,12 @@ FORMATS = (
     Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
     Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), open_npy),
     Format("npz", (".npz",), lambda head: head.startswith(ZIP_MAGIC), open_npz),
+    Format(
+        "HDF5",
+        (".h5", ".hdf5", ".hdf", ".he5"),
+        lambda head: head.startswith(HDF5_MAGIC),
+        open_hdf5,
+    ),
 )
 
 # Not read, but told by name: offset, bytes, name.
@@ -67,7 +75,6 @@ _FOREIGN = (
     (0, b"MM\0*", "TIFF"),
     (0, b"II+\0", "BigTIFF"),
     (0, b"MM\0+", "BigTIFF"),
-    (0, b"\x89HDF\r\n\x1a\n", "HDF5"),
     (128, b"DICM", "DICOM"),
     (0, b" BDV", "OpenVDB"),
     (0, b"\x89PNG\r\n", "PNG"),
