@@ -8,8 +8,6 @@ from __future__ import annotations
 import gzip
 import json
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,32 +16,10 @@ import nrrd
 import numpy as np
 import pytest
 
+from .sample import READ_DTYPES, SPACING_ZYX, Sample, Writer
+from .writers_arrays import WRITERS as ARRAY_WRITERS
 from .writers_images import WRITERS as IMAGE_WRITERS
 from .writers_openvdb import OPENVDB_WRITERS
-
-SPACING_ZYX = (2.5, 0.75, 0.5)
-
-
-@dataclass(frozen=True)
-class Sample:
-    """A file, the voxels that are in it and what `open_source` must be told about it."""
-
-    path: Path
-    voxels: np.ndarray = field(repr=False)
-    options: dict[str, Any] = field(default_factory=dict)
-
-
-Writer = Callable[[Path, np.ndarray], Sample]
-
-READ_DTYPES = (
-    *("uint8", "int8", "uint16", "int16", "float32"),
-    *("bool", "uint32", "int32", "uint64", "int64", "float16", "float64"),
-)
-
-
-def dtypes_of(writer: Writer) -> tuple[str, ...]:
-    """The sample types that a writer's format can hold: its attribute ``dtypes``, or all."""
-    return getattr(writer, "dtypes", READ_DTYPES)
 
 
 def _raw_options(voxels: np.ndarray, **more: Any) -> dict[str, Any]:
@@ -289,6 +265,7 @@ WRITERS: tuple[Writer, ...] = (
     metaimage_detached_msb,
     metaimage_header_size_from_the_end,
     metaimage_zraw,
+    *ARRAY_WRITERS,
     *IMAGE_WRITERS,
     *OPENVDB_WRITERS,
 )

@@ -14,7 +14,8 @@ from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box
 from octobrick.store.sources import open_source
 
-from .conftest import dtypes_of, make_voxels
+from .conftest import make_voxels
+from .sample import dtypes_of
 
 SHAPE = (4, 5, 37)
 

@@ -21,6 +21,7 @@ FUZZ = settings(
 SPLICES = st.sampled_from(
     [b"", b"\0", b"\n", b"-", b"0", b"9" * 30, b"nan", b"1e400", b"\xff\xff\xff\xff", b"= : ("]
 )
+MOST_VOXELS = 1 << 24
 
 
 def read_or_refuse(sample):
@@ -28,7 +29,10 @@ def read_or_refuse(sample):
         contextlib.suppress(OctobrickError),
         open_source(sample.path, **sample.options) as source,
     ):
+        # Formats with missing chunks can truly claim more than memory holds.
         shape = source.shape_zyx
+        if source.shape_zyx[0] * source.shape_zyx[1] * source.shape_zyx[2] > MOST_VOXELS:
+            shape = tuple(min(size, 64) for size in shape)
         voxels = source.read(Box.of_shape(shape))
         assert voxels.shape == shape
         assert voxels.dtype == source.dtype

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box
 from octobrick.store.errors import SourceError, TruncatedSourceError, UnsupportedSourceError
 from octobrick.store.sources import open_source
+from octobrick.store.sources.axes import axes_of
 
 
 @pytest.fixture
@@ -26,10 +30,41 @@ def test_version_2_of_the_format_is_read(tmp_path, voxels):
         np.testing.assert_array_equal(source.read(Box.of_shape(source.shape_zyx)), voxels)
 
 
-@pytest.mark.parametrize("shape", [(), (3,), (3, 4), (2, 3, 4, 5)])
-def test_other_numbers_of_axes_are_refused_with_what_was_found(save, shape):
+@pytest.mark.parametrize("shape", [(), (3,)])
+def test_arrays_that_are_no_volume_are_refused_with_what_was_found(save, shape):
     with pytest.raises(UnsupportedSourceError, match=f"{len(shape)} axes"):
         open_source(save(np.zeros(shape, np.uint8)))
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (2, 3, 4, 5)])
+def test_axes_of_other_than_three_are_asked_for(save, shape):
+    with pytest.raises(InvalidInputError, match=rf"{len(shape)} axes .*--axes tzyx"):
+        open_source(save(np.zeros(shape, np.uint8)))
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("letters", ["tczyx", "zyxs", "ztyx", "xyzct", "tsyx", "yx", "cxzy"])
+def test_any_axes_in_any_order_are_read(save, buffers, letters, order):
+    sizes = {"t": 2, "c": 2, "s": 3, "z": 4, "y": 5, "x": 37}
+    shape = [sizes[letter] for letter in letters]
+    array = np.random.default_rng(2).integers(0, 999, shape, np.uint16)
+    axes = axes_of(shape, letters, Path("a"))
+    box = Box((0, 1, 3), (min(3, axes.shape_zyx[0]), 4, 30))
+    with open_source(save(np.asarray(array, order=order)), axes=letters) as source:
+        assert (source.nt, source.nc, source.shape_zyx) == (axes.nt, axes.nc, axes.shape_zyx)
+        assert source.is_rgb == ("s" in letters)
+        for part in (box, Box.of_shape(axes.shape_zyx)):
+            for t in range(source.nt):
+                expected = axes.to_czyx(array[axes.index(part, t, None)])
+                read = source.read_channels(part, t)
+                np.testing.assert_array_equal(read, expected)
+                for c in range(source.nc):
+                    np.testing.assert_array_equal(source.read(part, t, c), expected[c])
+
+
+def test_a_dataset_is_refused_where_there_is_one_array(save, voxels):
+    with pytest.raises(InvalidInputError, match="leave out --dataset"):
+        open_source(save(voxels), dataset="a")
 
 
 @pytest.mark.parametrize("shape", [(0, 4, 5), (3, 0, 5), (3, 4, 0)])

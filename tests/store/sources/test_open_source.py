@@ -103,8 +103,6 @@ def _writers(request):
 @pytest.mark.parametrize(
     ("name", "content", "format_name"),
     [
-        ("a.h5", b"\x89HDF\r\n\x1a\nrest", "HDF5"),
-        ("a.npz", b"PK\x03\x04", "npz"),
         ("a.raw.bz2", b"BZh9", "bzip2"),
     ],
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tifffile
@@ -11,58 +11,50 @@ from pydicom import Dataset, dcmwrite
 from pydicom.dataset import FileMetaDataset
 from pydicom.uid import ExplicitVRBigEndian, ExplicitVRLittleEndian, generate_uid
 
-SPACING_ZYX = (2.5, 0.75, 0.5)
+from .sample import SPACING_ZYX, Sample
 
 
-class Written(NamedTuple):
-    """A file or folder, the voxels that are in it and what `open_source` must be told about it."""
-
-    path: Path
-    voxels: np.ndarray
-    options: dict[str, Any]
-
-
-def _tiff(folder: Path, voxels: np.ndarray, **how: Any) -> Written:
+def _tiff(folder: Path, voxels: np.ndarray, **how: Any) -> Sample:
     path = folder / "a.tif"
     tifffile.imwrite(path, voxels, photometric="minisblack", metadata=None, **how)
-    return Written(path, voxels, {"spacing_zyx": SPACING_ZYX})
+    return Sample(path, voxels, {"spacing_zyx": SPACING_ZYX})
 
 
-def tiff_strips(folder: Path, voxels: np.ndarray) -> Written:
+def tiff_strips(folder: Path, voxels: np.ndarray) -> Sample:
     path = folder / "a.tif"
     how = {"photometric": "minisblack", "metadata": None, "rowsperstrip": 2}
     with tifffile.TiffWriter(path) as file:
         for plane in voxels:  # one by one, so that pixels are last in the file, not slack
             file.write(plane, contiguous=False, **how)
-    return Written(path, voxels, {"spacing_zyx": SPACING_ZYX})
+    return Sample(path, voxels, {"spacing_zyx": SPACING_ZYX})
 
 
-def tiff_deflate_big_endian(folder: Path, voxels: np.ndarray) -> Written:
+def tiff_deflate_big_endian(folder: Path, voxels: np.ndarray) -> Sample:
     how = {"byteorder": ">", "compression": "zlib", "rowsperstrip": 3}
     return _tiff(folder, voxels, **how)
 
 
-def bigtiff_tiles_lzw(folder: Path, voxels: np.ndarray) -> Written:
+def bigtiff_tiles_lzw(folder: Path, voxels: np.ndarray) -> Sample:
     how = {"bigtiff": True, "tile": (16, 16), "compression": "lzw", "predictor": True}
     return _tiff(folder, voxels, **how)
 
 
-def ome_tiff_zstd(folder: Path, voxels: np.ndarray) -> Written:
+def ome_tiff_zstd(folder: Path, voxels: np.ndarray) -> Sample:
     path = folder / "a.ome.tif"
     metadata: dict[str, Any] = {"axes": "ZYX"}
     for axis, size in zip("ZYX", SPACING_ZYX, strict=True):
         metadata |= {f"PhysicalSize{axis}": size, f"PhysicalSize{axis}Unit": "mm"}
     tifffile.imwrite(path, voxels, ome=True, metadata=metadata, compression="zstd")
-    return Written(path, voxels, {})
+    return Sample(path, voxels, {})
 
 
-def tiff_slices(folder: Path, voxels: np.ndarray) -> Written:
+def tiff_slices(folder: Path, voxels: np.ndarray) -> Sample:
     path = folder / "slices"
     path.mkdir(exist_ok=True)
     for z, plane in enumerate(voxels):
         how = {"compression": "lzw"} if z % 2 else {}
         tifffile.imwrite(path / f"s{z + 8}.tif", plane, photometric="minisblack", **how)
-    return Written(path, voxels, {"spacing_zyx": SPACING_ZYX})
+    return Sample(path, voxels, {"spacing_zyx": SPACING_ZYX})
 
 
 def dicom_file(path: Path, plane: np.ndarray, z: float = 0.0, **more: Any) -> Dataset:
@@ -104,13 +96,13 @@ def dicom_file(path: Path, plane: np.ndarray, z: float = 0.0, **more: Any) -> Da
     return made
 
 
-def dicom_series(folder: Path, voxels: np.ndarray) -> Written:
+def dicom_series(folder: Path, voxels: np.ndarray) -> Sample:
     """Names and numbers run against the positions, as from many scanners."""
     path = folder / "series"
     path.mkdir(exist_ok=True)
     for z, plane in enumerate(voxels):
         dicom_file(path / f"IM{99 - z}", plane, SPACING_ZYX[0] * z, InstanceNumber=99 - z)
-    return Written(path, voxels, {})
+    return Sample(path, voxels, {})
 
 
 WRITERS = (

@@ -9,10 +9,14 @@ from typing import NamedTuple
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.sources.base import Pick, Source
 from octobrick.store.sources.dicom import open_dicom_file
+from octobrick.store.sources.hdf5 import MAGIC as HDF5_MAGIC
+from octobrick.store.sources.hdf5 import open_hdf5
 from octobrick.store.sources.metaimage import is_metaimage, open_metaimage
 from octobrick.store.sources.nifti import is_nifti, open_nifti
 from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
 from octobrick.store.sources.npy import open_npy
+from octobrick.store.sources.npz import MAGIC as ZIP_MAGIC
+from octobrick.store.sources.npz import open_npz
 from octobrick.store.sources.nrrd import MAGIC as NRRD_MAGIC
 from octobrick.store.sources.nrrd import open_nrrd
 from octobrick.store.sources.openvdb import MAGIC as OPENVDB_MAGIC
@@ -61,15 +65,20 @@ FORMATS = (
     Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), alone(open_nrrd)),
     Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
     Format("OpenVDB", (".vdb",), lambda head: head.startswith(OPENVDB_MAGIC), open_openvdb),
-    Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), alone(open_npy)),
     Format("TIFF", (".tif", ".tiff", ".btf", ".tf8"), is_tiff, open_tiff),
     Format("DICOM", (".dcm",), lambda head: head[128:132] == b"DICM", open_dicom_file),
+    Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), open_npy),
+    Format("npz", (".npz",), lambda head: head.startswith(ZIP_MAGIC), open_npz),
+    Format(
+        "HDF5",
+        (".h5", ".hdf5", ".hdf", ".he5"),
+        lambda head: head.startswith(HDF5_MAGIC),
+        open_hdf5,
+    ),
 )
 
 # Not read, but told by name: offset, bytes, name.
 _FOREIGN = (
-    (0, b"\x89HDF\r\n\x1a\n", "HDF5"),
-    (0, b"PK\x03\x04", "a zip archive, as .npz is"),
     (0, b"\x89PNG\r\n", "PNG"),
     (0, b"\xff\xd8\xff", "JPEG"),
     (0, b"BZh", "bzip2 data"),

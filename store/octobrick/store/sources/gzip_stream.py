@@ -48,6 +48,7 @@ class _Mark:
     position: int
     input_position: int
     inflater: _Decompress
+    crc32: int
 
 
 class GzipReader:
@@ -58,14 +59,19 @@ class GzipReader:
         start_nbytes: where the compressed data begin in it.
         expected_nbytes: how many decompressed bytes will be wanted; marks are spread over them,
             and errors name them.
+        crc32: of plain deflate data, without a wrapping, the checksum that they shall have.
     """
 
-    def __init__(self, path: Path, start_nbytes: int, expected_nbytes: int) -> None:
+    def __init__(
+        self, path: Path, start_nbytes: int, expected_nbytes: int, crc32: int | None = None
+    ) -> None:
         self._path = path
         self._expected_nbytes = expected_nbytes
         self._file = open_file(path)
         self._mark_step = max(_OUTPUT_NBYTES, expected_nbytes // _MARKS)
-        self._marks = [_Mark(0, start_nbytes, zlib.decompressobj(GZIP_OR_ZLIB_WBITS))]
+        self._expected_crc32 = crc32
+        wbits = GZIP_OR_ZLIB_WBITS if crc32 is None else -zlib.MAX_WBITS
+        self._marks = [_Mark(0, start_nbytes, zlib.decompressobj(wbits), 0)]
         self._ready = memoryview(b"")  # decoded, not yet asked for
         self._resume(self._marks[0])
 
@@ -117,6 +123,7 @@ class GzipReader:
         self._input_position = mark.input_position
         self._pending = b""  # read from the file, not yet given to the decoder
         self._decoded_nbytes = mark.position
+        self._crc32 = mark.crc32
         self._ready = memoryview(b"")
         self._ended = False
 
@@ -136,6 +143,8 @@ class GzipReader:
             except zlib.error as error:
                 raise self._damaged(error) from error
             self._pending = self._inflater.unconsumed_tail
+            if self._expected_crc32 is not None:
+                self._crc32 = zlib.crc32(data, self._crc32)
             if self._inflater.eof:
                 self._begin_next_member(self._inflater.unused_data)
             elif at_end_of_file and not data:
@@ -147,6 +156,13 @@ class GzipReader:
 
     def _begin_next_member(self, rest: bytes) -> None:
         """A gzip file may be several in a row; anything else after the data is not ours."""
+        if self._expected_crc32 is not None:
+            self._ended = True
+            if self._crc32 != self._expected_crc32:
+                raise self._damaged(
+                    f"their CRC-32 is {self._crc32:08x}, not {self._expected_crc32:08x}"
+                )
+            return
         self._pending = rest
         if self._fill(len(GZIP_MAGIC)) and self._pending.startswith(GZIP_MAGIC):
             self._inflater = zlib.decompressobj(GZIP_OR_ZLIB_WBITS)
@@ -170,7 +186,8 @@ class GzipReader:
         due = self._marks[-1].position + self._mark_step
         if due <= self._decoded_nbytes < self._expected_nbytes and not self._ended:
             unread = self._input_position - len(self._pending)
-            self._marks.append(_Mark(self._decoded_nbytes, unread, self._inflater.copy()))
+            mark = _Mark(self._decoded_nbytes, unread, self._inflater.copy(), self._crc32)
+            self._marks.append(mark)
 
     def _truncated(self) -> TruncatedSourceError:
         have, expected = self._decoded_nbytes, self._expected_nbytes
@@ -185,7 +202,7 @@ class GzipReader:
             actual_nbytes=have,
         )
 
-    def _damaged(self, error: Exception) -> SourceError:
+    def _damaged(self, error: Exception | str) -> SourceError:
         return SourceError(
             f"{self._path}: compressed data are damaged after {self._decoded_nbytes} of "
             f"{self._expected_nbytes} bytes ({error}); copy or export the file again",
@@ -197,7 +214,7 @@ class GzipReader:
 
 
 class GzipSource(FlatSource):
-    """A source whose voxels are in gzip or zlib data.
+    """A source whose voxels are in gzip, zlib or deflate data.
 
     That the data are whole is known only at their end: reading the last voxel also checks the
     checksum behind it. Boxes of whole planes going up in z are read in one pass.
@@ -212,7 +229,7 @@ class GzipSource(FlatSource):
     def __init__(self, path: Path, description: Description, layout: Layout) -> None:
         super().__init__(path, description, layout)
         size = require_file(layout.path, named_by=None if layout.path == path else path)
-        self._end = layout.offset_nbytes + description.nbytes
+        self._end = layout.offset_nbytes + layout.nbytes_of(description)
         most = max(0, size - layout.stream_offset_nbytes) * _MAX_EXPANSION
         if most < self._end:
             raise TruncatedSourceError(
@@ -225,16 +242,18 @@ class GzipSource(FlatSource):
             )
         self._checked = False
         self._lock = threading.Lock()
-        self._reader = GzipReader(layout.path, layout.stream_offset_nbytes, self._end)
+        self._reader = GzipReader(
+            layout.path, layout.stream_offset_nbytes, self._end, layout.deflate_crc32
+        )
 
     @property
     def ascending(self) -> bool:
         """True: going down in z decodes again from the last mark before."""
         return True
 
-    def _read(self, box: Box, t: int, c: int) -> npt.NDArray[Any]:
+    def _read_samples(self, box: Box, t: int, c: int, nc: int) -> npt.NDArray[Any]:
         with self._lock:
-            return super()._read(box, t, c)
+            return super()._read_samples(box, t, c, nc)
 
     def _read_at(self, position: int, into: memoryview) -> None:
         self._reader.seek(position)

@@ -1,39 +1,80 @@
-"""numpy's own files: ``.npy``, C or Fortran order, indexed [z, y, x]."""
+"""numpy's own files: ``.npy``, C or Fortran order, indexed [z, y, x] or as the caller says."""
 
 from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from octobrick.store.box import Zyx
+from octobrick.codec.errors import InvalidInputError
 from octobrick.store.errors import UnsupportedSourceError
-from octobrick.store.sources.base import Description, Source
+from octobrick.store.sources.axes import Axes, axes_of
+from octobrick.store.sources.base import Description, Pick, Source
 from octobrick.store.sources.flat import Layout
-from octobrick.store.sources.head import parsing, read_head
+from octobrick.store.sources.head import parsing, printable, read_head
 from octobrick.store.sources.raw import RawSource
-from octobrick.store.sources.voxels import require_dtype, require_shape
+from octobrick.store.sources.voxels import require_dtype
 
 MAGIC = b"\x93NUMPY"
 
 
-def open_npy(path: Path) -> Source:
-    """A three-dimensional ``.npy`` array, whose axes are taken as z, y, x.
+class Header(NamedTuple):
+    """What the header of an array says: its elements begin ``nbytes`` after it does."""
+
+    shape: tuple[int, ...]
+    fortran: bool
+    dtype: np.dtype[Any]
+    nbytes: int
+
+    def describe(self, format_name: str, letters: str | None, path: Path) -> Description:
+        """The volume that the array is; raises what `axes_of` and `require_dtype` do."""
+        axes = self._axes(letters, path)
+        return Description(
+            format_name,
+            axes.shape_zyx,
+            require_dtype(self.dtype, path),
+            nt=axes.nt,
+            nc=axes.nc,
+            channels=axes.channels,
+        )
+
+    def layout(self, letters: str | None, path: Path, start_nbytes: int = 0) -> Layout:
+        """Where the elements lie, in a file (or in data) in which the header is at a place."""
+        strides = self._axes(letters, path).strides(fortran=self.fortran)
+        return Layout(path, start_nbytes + self.nbytes, self.dtype, strides=strides)
+
+    def _axes(self, letters: str | None, path: Path) -> Axes:
+        return axes_of(self.shape, letters, path)
+
+
+def open_npy(path: Path, pick: Pick) -> Source:
+    """A ``.npy`` array; three axes are z, y, x where the caller does not name them.
 
     Raises:
         SourceError: the header is damaged or the data are too short.
-        UnsupportedSourceError: another number of axes, or a sample type that is not read.
+        UnsupportedSourceError: a sample type that is not read.
+        InvalidInputError: axes that do not fit the array, or none for other than three; a dataset.
     """
-    shape, z_fastest, dtype, offset = _parse(path)
-    description = Description("npy", _zyx(shape, path), require_dtype(dtype, path))
-    return RawSource(path, description, Layout(path, offset, dtype, z_fastest))
+    if pick.dataset is not None:
+        raise InvalidInputError(
+            f"{path}: holds one array; leave out --dataset",
+            path=str(path),
+            dataset=printable(pick.dataset),
+        )
+    header = parse_header(read_head(path), path)
+    return RawSource(path, header.describe("npy", pick.axes, path), header.layout(pick.axes, path))
 
 
-def _parse(path: Path) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Shape, whether Fortran order, sample type and where the data begin."""
-    file = io.BytesIO(read_head(path))
+def parse_header(head: bytes, path: Path) -> Header:
+    """The header at the start of an array's bytes.
+
+    Raises:
+        SourceError: it is damaged.
+        UnsupportedSourceError: an array of records.
+    """
+    file = io.BytesIO(head)
     with parsing(path, "npy"):
         version = np.lib.format.read_magic(file)
         if version == (1, 0):
@@ -46,15 +87,4 @@ def _parse(path: Path) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
                 "save one field on its own",
                 path=str(path),
             )
-    return shape, fortran, dtype, file.tell()
-
-
-def _zyx(shape: tuple[int, ...], path: Path) -> Zyx:
-    if len(shape) != 3:
-        raise UnsupportedSourceError(
-            f"{path}: the array has {len(shape)} axes of {list(shape)} elements; "
-            "one 3D scalar volume [z, y, x] is read for now; save one such part on its own",
-            path=str(path),
-            sizes=list(shape),
-        )
-    return require_shape(shape[::-1], path)
+    return Header(shape, fortran, dtype, file.tell())

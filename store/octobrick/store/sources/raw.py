@@ -26,9 +26,10 @@ class RawSource(FlatSource):
     def __init__(self, path: Path, description: Description, layout: Layout) -> None:
         super().__init__(path, description, layout)
         size = require_file(layout.path, named_by=None if layout.path == path else path)
-        end = layout.offset_nbytes + description.nbytes
+        nbytes = layout.nbytes_of(description)
+        end = layout.offset_nbytes + nbytes
         if size < end:
-            raise _too_short(path, description, layout, size)
+            raise _too_short(path, description, layout, nbytes, size)
         if size > end and description.format.startswith("raw"):
             self.warnings += (
                 f"{size - end} bytes follow the last voxel; check shape, dtype and offset",
@@ -62,9 +63,11 @@ class RawSource(FlatSource):
 
 
 def _too_short(
-    path: Path, description: Description, layout: Layout, size: int
+    path: Path, description: Description, layout: Layout, nbytes: int, size: int
 ) -> TruncatedSourceError:
     z, y, x = description.shape_zyx
+    many = f", {description.nt} time steps, {description.nc} channels"
+    many = many if description.nt * description.nc > 1 else ""
     have = max(0, size - layout.offset_nbytes)
     if description.format.startswith("raw"):
         advice = "check shape, dtype and offset"
@@ -72,10 +75,10 @@ def _too_short(
         advice = "copy or export the file again, or correct the sizes in the header"
     named_by = "" if layout.path == path else f" named by {path}"
     return TruncatedSourceError(
-        f"{layout.path}{named_by}: data end after {have} of {description.nbytes} bytes "
-        f"({x} x {y} x {z} voxels (x, y, z) of {description.dtype.name} "
+        f"{layout.path}{named_by}: data end after {have} of {nbytes} bytes "
+        f"({x} x {y} x {z} voxels (x, y, z){many} of {description.dtype.name} "
         f"from byte {layout.offset_nbytes}); {advice}",
         path=str(layout.path),
-        expected_nbytes=description.nbytes,
+        expected_nbytes=nbytes,
         actual_nbytes=have,
     )
