@@ -76,6 +76,7 @@ def _writers(request):
         ("a.tif", b"II*\0rest", "TIFF"),
         ("a.ome.tif", b"MM\0*rest", "TIFF"),
         ("a.h5", b"\x89HDF\r\n\x1a\nrest", "HDF5"),
+        ("a.nvdb", b"NanoVDB0" + bytes(8), "NanoVDB"),
         ("a.dcm", bytes(128) + b"DICM", "DICOM"),
         ("IM0001", bytes(128) + b"DICM", "DICOM"),
         ("a.npz", b"PK\x03\x04", "npz"),

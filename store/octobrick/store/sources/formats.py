@@ -70,6 +70,7 @@ _FOREIGN = (
     (0, b"\x89HDF\r\n\x1a\n", "HDF5"),
     (128, b"DICM", "DICOM"),
     (0, b"PK\x03\x04", "a zip archive, as .npz is"),
+    (0, b"NanoVDB", "NanoVDB"),
     (0, b"\x89PNG\r\n", "PNG"),
     (0, b"\xff\xd8\xff", "JPEG"),
     (0, b"BZh", "bzip2 data"),
