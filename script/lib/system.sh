@@ -84,6 +84,11 @@ package_for() {
 # Makes sure that what pip cannot bring is there. Silent where nothing is missing; installs where it
 # may (root, or sudo that asks no password); else says what is missing and how to get it, status 3.
 ensure_system_packages() {
+  ensure_needs
+  offer_openvdb
+}
+
+ensure_needs() {
   local -a needs packages=()
   local need
   refuse_old_python
@@ -102,6 +107,30 @@ ensure_system_packages() {
     "Where several Pythons are in PATH, name the one to use: PYTHON=/usr/bin/python3 $0"
 }
 
+# OpenVDB is optional: without it octobrick builds, and says so where a .vdb is opened. So it is
+# installed where that takes no question, and nothing stops where it does not work.
+offer_openvdb() {
+  local refused=$ROOT/build/no-openvdb
+  if has_openvdb || [[ -e $refused ]] || ! command -v apt-get >/dev/null || ! may_install; then
+    return 0
+  fi
+  # In a subshell, because a failure ends it.
+  if ! (install_packages libopenvdb-dev libboost-iostreams-dev); then
+    mkdir -p "${refused%/*}"
+    touch "$refused"
+    say "Going on without OpenVDB: .vdb files will not be read. (rm $refused to try again.)"
+  fi
+}
+
+# Whether the compiler finds OpenVDB's headers, and the part of Boost that they want.
+has_openvdb() {
+  "${CXX:-c++}" -x c++ -E - >/dev/null 2>&1 <<'CPP'
+#if !__has_include(<openvdb/openvdb.h>) || !__has_include(<boost/iostreams/stream.hpp>)
+#error
+#endif
+CPP
+}
+
 # A machine whose Python is too old is told so, before anything is installed on it.
 refuse_old_python() {
   local python=${PYTHON:-python3}
@@ -115,6 +144,8 @@ refuse_old_python() {
 }
 
 is_root() { ((EUID == 0)); }
+
+may_install() { is_root || sudo -n true 2>/dev/null; }
 
 install_packages() {
   local -a become=() apt

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-TOOLS = ("bash", "cat", "dirname", "env", "grep", "mkdir", "sed", "tail", "true")
+TOOLS = ("bash", "cat", "dirname", "env", "grep", "mkdir", "sed", "tail", "touch", "true")
 
 
 class Machine:
@@ -140,3 +140,38 @@ def test_other_system_without_opengl_only_goes_on(machine: Machine) -> None:
     done = machine.ensure()
     assert (done.returncode, done.stdout) == (0, "went on\n")
     assert "libEGL.so.1" in done.stderr
+
+
+def without_openvdb(machine: Machine) -> None:
+    """A compiler that does not find its headers, until apt-get has installed something."""
+    machine.add("c++", f"[[ -e {machine.bin}/openvdb ]]")
+    machine.add(
+        "apt-get",
+        f'echo "$@" >> {machine.asked}; [[ "$*" != *install* ]] || echo > {machine.bin}/openvdb',
+    )
+
+
+def test_openvdb_is_installed_where_that_takes_no_question(machine: Machine) -> None:
+    without_openvdb(machine)
+    assert machine.ensure().returncode == 0
+    install = machine.asked.read_text().splitlines()[1]
+    assert install.endswith(" --no-install-recommends libopenvdb-dev libboost-iostreams-dev")
+    machine.ensure()
+    assert len(machine.asked.read_text().splitlines()) == 2
+
+
+def test_openvdb_is_not_asked_for_without_root(machine: Machine) -> None:
+    without_openvdb(machine)
+    done = machine.ensure(root=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "went on\n", "")
+    assert machine.asked.read_text() == ""
+
+
+def test_openvdb_that_cannot_be_had_stops_nothing_and_is_tried_once(machine: Machine) -> None:
+    machine.add("c++", "false")
+    machine.add("apt-get", f'echo "$@" >> {machine.asked}; exit 100')
+    done = machine.ensure()
+    assert (done.returncode, done.stdout) == (0, "went on\n")
+    assert "Going on without OpenVDB" in done.stderr
+    assert machine.ensure().stderr == ""
+    assert len(machine.asked.read_text().splitlines()) == 2

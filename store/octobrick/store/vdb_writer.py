@@ -91,8 +91,16 @@ def write_vdb(
                 f"{np.dtype(dtype).name} with the three axes z, y, x",
                 path=str(path),
             )
-        if voxels.size:
+        if not voxels.size:
+            continue
+        try:
             writer.add(np.ascontiguousarray(voxels, grid_dtype), (int(x), int(y), int(z)), active)
+        except (TypeError, ValueError) as error:
+            raise InvalidInputError(
+                f"{path}: the box at {(z, y, x)} (z, y, x) of {voxels.shape} voxels cannot be in a "
+                "grid, whose indices are within 2^30 of 0; move it",
+                path=str(path),
+            ) from error
     with _replacing(path) as temporary:
         writer.save(
             str(temporary),
@@ -102,6 +110,7 @@ def write_vdb(
             tuple(map(float, origin_xyz)),
             half and grid_dtype.kind == "f",
         )
+        vdb.list_grids(str(temporary))  # a full disk need not be an error to OpenVDB
     return int(writer.active_voxels)
 
 
@@ -158,7 +167,7 @@ def _replacing(path: Path) -> Iterator[Path]:
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
-    except (OSError, RuntimeError) as error:  # OpenVDB's own are RuntimeError
+    except (OSError, EOFError, RuntimeError) as error:  # those of OpenVDB, and of the check
         raise DestinationError(
             f"{path}: cannot be written: {error}; check the folder, its permissions and the space "
             "on the disk",

@@ -153,6 +153,22 @@ def test_every_type_of_grid_comes_back(tmp_path, dtype):
 
 
 @needs_extension
+def test_inside_of_a_level_set_has_its_own_sign(tmp_path):
+    path = tmp_path / "a.vdb"
+    by_pyopenvdb(
+        "vdb.write(sys.argv[1], vdb.createLevelSetSphere(radius=30, voxelSize=1, halfWidth=3))",
+        path,
+    )
+    with open_source(path) as source:
+        assert source.background == 3
+        voxels = source.read(Box.of_shape(source.shape_zyx))
+        nz, ny, nx = (size // 2 for size in source.shape_zyx)
+        assert source.constant(Box((nz, ny, nx), (nz + 4, ny + 4, nx + 4))) == -3
+    assert voxels[0, 0, 0] == 3
+    assert voxels[nz, ny, nx] == -3
+
+
+@needs_extension
 def test_far_voxels_stay_sparse_and_space_between_is_known_to_be_constant(tmp_path):
     one = np.ones((1, 1, 1), np.float32)
     far = 1 << 20

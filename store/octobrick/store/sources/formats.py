@@ -79,6 +79,7 @@ FORMATS = (
 
 # Not read, but told by name: offset, bytes, name.
 _FOREIGN = (
+    (0, b"NanoVDB", "NanoVDB"),
     (0, b"\x89PNG\r\n", "PNG"),
     (0, b"\xff\xd8\xff", "JPEG"),
     (0, b"BZh", "bzip2 data"),
