@@ -74,7 +74,8 @@ def ingest(
         overwrite: replace a volume that is already there.
         restart: forget what an ingest left that did not finish, instead of going on.
         workers: encoding threads; by default one per processor. The bytes do not depend on it.
-        checkpoint_seconds: how much work a kill may cost; 0 for a checkpoint after every layer.
+        checkpoint_seconds: how much work a kill may cost, more where checkpoints would take
+            more than a twentieth of the time; 0 for a checkpoint after every layer.
         progress: called from the ingesting thread after each piece that was read.
         cancel: set it from another thread to stop at the next piece, after a checkpoint.
         shape: voxels (z, y, x) of a raw file.

@@ -28,6 +28,7 @@ from octobrick.store.pyramid import REDUCERS, Layer, LevelStream, level_shapes
 from octobrick.store.report import IngestResult, LevelReport
 from octobrick.store.sources import Source
 
+_CHECKPOINT_SHARE = 0.05  # of the time that may go into checkpoints, where a disk is slow
 _WINDOW_HIGH_PERCENTILE = 99.9  # a few hot voxels must not make everything else look dark
 
 
@@ -68,6 +69,8 @@ class IngestRun:
             folder, {"source": source.fingerprint(), "options": options.to_json()}
         )
         self._state = self._fresh_state()
+        self._last_seconds = time.monotonic()
+        self._checkpoint_cost_seconds = 0.0
 
     def run(self, *, restart: bool) -> IngestResult:
         """Do all that remains to be done."""
@@ -105,8 +108,17 @@ class IngestRun:
             ]
         )
 
+    def _is_checkpoint_due(self) -> bool:
+        interval = self._options.checkpoint_seconds
+        if interval > 0:
+            interval = max(interval, self._checkpoint_cost_seconds / _CHECKPOINT_SHARE)
+        return time.monotonic() - self._last_seconds >= interval
+
     def _checkpoint(self) -> None:
+        started = time.monotonic()
         self._journal.write(*self._state.pack())
+        self._last_seconds = time.monotonic()
+        self._checkpoint_cost_seconds = self._last_seconds - started
 
     # Reading and writing
 
@@ -116,7 +128,7 @@ class IngestRun:
         if not state.channels:
             state.channels = self._begin_step(state.t)
         reader = PieceReader(self._source, self._options.replace_nonfinite)
-        last_seconds, last_layer = time.monotonic(), -1
+        self._last_seconds, last_layer = time.monotonic(), -1
         for planes in reader.pieces(state.t, state.z):
             for channel, own in zip(state.channels, planes, strict=True):
                 channel.stream.push(own)
@@ -131,10 +143,9 @@ class IngestRun:
                 )
             # Right behind a layer there is least to remember.
             layer = state.channels[0].stream.nlayers_emitted
-            is_due = time.monotonic() - last_seconds >= self._options.checkpoint_seconds
-            if layer != last_layer and is_due:
+            if layer != last_layer and self._is_checkpoint_due():
                 self._checkpoint()
-                last_seconds, last_layer = time.monotonic(), layer
+                last_layer = layer
 
     def _begin_step(self, t: int) -> list[ChannelState]:
         return [self._begin_channel(t, c) for c in range(self._source.nc)]
