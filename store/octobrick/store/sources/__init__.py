@@ -20,12 +20,14 @@ from octobrick.store.sources.described import (
 from octobrick.store.sources.formats import (
     FORMATS,
     HEAD_NBYTES,
+    ZARR,
     Format,
     foreign_name,
     is_raw_name,
     recognise,
 )
 from octobrick.store.sources.head import read_head, read_head_inflated
+from octobrick.store.sources.zarr_source import is_zarr
 
 __all__ = ["Channel", "Description", "Rescale", "Source", "open_source"]
 
@@ -44,7 +46,7 @@ def open_source(
     """A volume of any format that is read, open; close it, or use it as a context manager.
 
     Args:
-        path: the file; of a header with a data file of its own, the header.
+        path: the file; of a header with a data file of its own, the header; the folder of Zarr.
         shape_zyx: voxels of a raw file along z, y and x.
         dtype: sample type of a raw file.
         spacing_zyx: distance of voxels; takes the place of what the header says.
@@ -62,6 +64,8 @@ def open_source(
     """
     path = Path(path)
     options = RawOptions(shape_zyx, dtype, spacing_zyx, offset_nbytes, big_endian)
+    if is_zarr(path):
+        return _open_known(ZARR, path, options, Pick(dataset, axes))
     is_gz = path.suffix.lower() == ".gz"
     head = (read_head_inflated if is_gz else read_head)(path, HEAD_NBYTES)
     known = recognise(path, head)

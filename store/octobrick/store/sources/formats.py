@@ -18,6 +18,8 @@ from octobrick.store.sources.npz import MAGIC as ZIP_MAGIC
 from octobrick.store.sources.npz import open_npz
 from octobrick.store.sources.nrrd import MAGIC as NRRD_MAGIC
 from octobrick.store.sources.nrrd import open_nrrd
+from octobrick.store.sources.zarr_source import SUFFIX as ZARR_SUFFIX
+from octobrick.store.sources.zarr_source import open_zarr
 
 # As much as any check below looks at.
 HEAD_NBYTES = 1024
@@ -50,6 +52,9 @@ def alone(open_file: Callable[[Path], Source]) -> Callable[[Path, Pick], Source]
     return open_alone
 
 
+# A folder, which has no first bytes; a file of this name is refused.
+ZARR = Format("Zarr", (ZARR_SUFFIX,), lambda head: False, open_zarr)  # noqa: ARG005
+
 FORMATS = (
     Format(
         "NIfTI",
@@ -67,6 +72,7 @@ FORMATS = (
         lambda head: head.startswith(HDF5_MAGIC),
         open_hdf5,
     ),
+    ZARR,
 )
 
 # Not read, but told by name: offset, bytes, name.
