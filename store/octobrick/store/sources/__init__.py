@@ -21,6 +21,7 @@ from octobrick.store.sources.dicom import open_dicom
 from octobrick.store.sources.formats import (
     FORMATS,
     HEAD_NBYTES,
+    ZARR,
     Format,
     foreign_name,
     is_raw_name,
@@ -32,12 +33,12 @@ from octobrick.store.sources.several import (
     files_of,
     is_picture,
     is_several,
-    is_zarr,
     pictures_of,
     refuse_folder,
 )
 from octobrick.store.sources.slices import is_slice, open_slices
 from octobrick.store.sources.time_series import open_time_series
+from octobrick.store.sources.zarr_source import is_zarr
 
 __all__ = ["Channel", "Description", "Rescale", "Source", "open_source"]
 
@@ -56,9 +57,9 @@ def open_source(
     """A volume of any format that is read, open; close it, or use it as a context manager.
 
     Args:
-        path: the file; of a header with a data file of its own, the header; a folder of pictures
-            (the slices of one volume) or DICOM files, or a pattern (``*``, ``?``, ``[``) of such
-            files, or of files that are one time step each.
+        path: the file; of a header with a data file of its own, the header; the folder of a Zarr
+            array or group; a folder of pictures (the slices of one volume) or DICOM files, or a
+            pattern (``*``, ``?``, ``[``) of such files, or of files that are one time step each.
         shape_zyx: voxels of a raw file along z, y and x.
         dtype: sample type of a raw file.
         spacing_zyx: distance of voxels; takes the place of what the header says.
@@ -77,6 +78,8 @@ def open_source(
     path = Path(path)
     options = RawOptions(shape_zyx, dtype, spacing_zyx, offset_nbytes, big_endian)
     pick = Pick(dataset, axes)
+    if is_zarr(path):
+        return _open_known(ZARR, path, options, pick)
     if is_several(path):
         return _open_several(path, options, pick)
     return _open_file(path, options, pick)
@@ -84,11 +87,6 @@ def open_source(
 
 def _open_several(path: Path, options: RawOptions, pick: Pick) -> Source:
     """A folder or pattern: DICOM files as a series, pictures as slices, others as time steps."""
-    if is_zarr(path):
-        raise UnsupportedSourceError(
-            f"{path}: is a Zarr group or array, which is not read; export it to another format",
-            path=str(path),
-        )
     files = files_of(path)
     dicoms, notes = dicoms_of(path, files)
     if dicoms:

@@ -23,6 +23,8 @@ from octobrick.store.sources.openvdb import MAGIC as OPENVDB_MAGIC
 from octobrick.store.sources.openvdb import open_openvdb
 from octobrick.store.sources.tiff import open_tiff
 from octobrick.store.sources.tiff_chain import is_tiff
+from octobrick.store.sources.zarr_source import SUFFIX as ZARR_SUFFIX
+from octobrick.store.sources.zarr_source import open_zarr
 
 # As much as any check below looks at.
 HEAD_NBYTES = 1024
@@ -55,6 +57,9 @@ def alone(open_file: Callable[[Path], Source]) -> Callable[[Path, Pick], Source]
     return open_alone
 
 
+# A folder, which has no first bytes; a file of this name is refused.
+ZARR = Format("Zarr", (ZARR_SUFFIX,), lambda head: False, open_zarr)  # noqa: ARG005
+
 FORMATS = (
     Format(
         "NIfTI",
@@ -75,6 +80,7 @@ FORMATS = (
         lambda head: head.startswith(HDF5_MAGIC),
         open_hdf5,
     ),
+    ZARR,
 )
 
 # Not read, but told by name: offset, bytes, name.

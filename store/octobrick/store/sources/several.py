@@ -15,7 +15,6 @@ from octobrick.store.errors import SourceError, SourceNotFoundError, Unsupported
 from octobrick.store.sources.head import read_head
 from octobrick.store.sources.pictures import PICTURE_SUFFIXES
 
-_ZARR_MARKERS = ("zarr.json", ".zgroup", ".zarray")
 _DICOM_MAGIC = (128, b"DICM")
 _QUOTED_FILES = 3
 
@@ -23,11 +22,6 @@ _QUOTED_FILES = 3
 def is_several(path: Path) -> bool:
     """Whether a path is a folder, or a pattern and not the name of a file."""
     return path.is_dir() or (glob.has_magic(str(path)) and not path.exists())
-
-
-def is_zarr(path: Path) -> bool:
-    """Whether a folder is a Zarr group or array."""
-    return any((path / marker).is_file() for marker in _ZARR_MARKERS)
 
 
 def files_of(path: Path) -> list[Path]:
