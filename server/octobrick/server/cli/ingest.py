@@ -46,6 +46,12 @@ if TYPE_CHECKING:
 @click.option(
     "--brick", type=int, default=64, show_default=True, help="Voxels along each side of a brick."
 )
+@click.option(
+    "--shard", type=int, default=4, show_default=True, help="Bricks along each side of a shard."
+)
+@click.option(
+    "--zstd-level", type=int, default=3, show_default=True, help="Effort of zstd, 1 to 19."
+)
 @click.option("--levels", type=int, help="Levels of the pyramid.  [default: until one brick]")
 @click.option(
     "--reducer",
