@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from octobrick.codec.errors import NotFiniteError
-from octobrick.store import ingest, open_volume
+from octobrick.codec import S3dc
+from octobrick.codec.errors import InvalidInputError, NotFiniteError
+from octobrick.store import Box, ingest, open_volume
 from octobrick.store.errors import (
     DestinationError,
+    DestinationExistsError,
     IncompleteVolumeError,
     IngestCancelledError,
     ResumeError,
@@ -234,3 +236,41 @@ def test_a_source_with_wrong_voxels_leaves_nothing_even_after_a_checkpoint(
     with pytest.raises(NotFiniteError):
         ingest(source, tmp_path / "v.zarr", **OPTIONS)
     assert [path.name for path in tmp_path.iterdir()] == ["v.npy"]
+
+
+@pytest.mark.parametrize(
+    "slip",
+    [
+        {"region": Box((0, 0, 0), (91, 60, 70))},
+        {"convert": "int128"},
+        {"window": (3.0, 2.0), "convert": "uint8"},
+        {"labels": True, "codec": S3dc(bits=8)},
+        {"brick": 17},
+    ],
+)
+def test_a_slip_of_the_pen_costs_nothing_of_what_an_earlier_run_has(
+    source: Path, undisturbed: dict[str, str], tmp_path: Path, slip: dict[str, object]
+) -> None:
+    dest, stop = tmp_path / "v.zarr", Stop(13)
+    with pytest.raises(IngestCancelledError):
+        ingest(source, dest, progress=stop, cancel=stop.event, **OPTIONS)
+    with pytest.raises(InvalidInputError):
+        ingest(source, dest, **(OPTIONS | slip))  # type: ignore[arg-type]
+    assert ingest(source, dest, **OPTIONS).resumed_voxels > 0
+    assert digests(dest) == undisturbed
+
+
+def test_something_that_appears_at_the_destination_costs_nothing(
+    source: Path, undisturbed: dict[str, str], tmp_path: Path
+) -> None:
+    dest = tmp_path / "v.zarr"
+
+    def appear(_: Progress) -> None:
+        dest.write_text("mine")
+
+    with pytest.raises(DestinationExistsError):
+        ingest(source, dest, progress=appear, **OPTIONS)
+    assert dest.read_text() == "mine"
+    dest.unlink()
+    assert ingest(source, dest, **OPTIONS).resumed_voxels > 0
+    assert digests(dest) == undisturbed

@@ -16,8 +16,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from octobrick.codec.errors import CorruptDataError, InvalidInputError, UnsupportedError
-from octobrick.store.errors import DestinationBusyError, DestinationError, DestinationExistsError
-from octobrick.store.journal import has_checkpoint
+from octobrick.store.durable import explained, sync
+from octobrick.store.errors import DestinationBusyError, DestinationExistsError
+from octobrick.store.journal import JOURNAL_NAME, has_checkpoint
 
 PARTIAL_SUFFIX = ".partial"
 _REPLACED_SUFFIX = ".replaced"
@@ -43,7 +44,7 @@ def staged(dest: Path, *, overwrite: bool) -> Iterator[Path]:
         DestinationError: the system refuses to write (permissions, no space, read-only, …).
     """
     partial = partial_path(dest)
-    with _explained(dest):
+    with explained(dest, lambda: _what_remains(dest)):
         _refuse_existing(dest, overwrite=overwrite)
         partial.mkdir(parents=True, exist_ok=True)
         lock = _lock(dest, partial)
@@ -114,6 +115,9 @@ def clear(partial: Path) -> None:
 
 
 def _put_in_place(partial: Path, dest: Path, *, overwrite: bool) -> None:
+    _refuse_existing(dest, overwrite=overwrite)
+    # Last, so that whatever fails before this moment can be gone on with.
+    (partial / JOURNAL_NAME).unlink(missing_ok=True)
     (partial / _LOCK_NAME).unlink()
     replaced = dest.with_name(dest.name + _REPLACED_SUFFIX)
     if overwrite and dest.exists():
@@ -133,7 +137,7 @@ def _put_in_place(partial: Path, dest: Path, *, overwrite: bool) -> None:
                 path=str(dest),
             ) from error
         raise
-    _sync(dest.parent)
+    sync(dest.parent)
     shutil.rmtree(replaced, ignore_errors=True)
 
 
@@ -145,39 +149,4 @@ def _what_remains(dest: Path) -> str:
 
 def _sync_folders(partial: Path) -> None:
     for folder, _, _ in os.walk(partial):
-        _sync(Path(folder))
-
-
-def _sync(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-@contextlib.contextmanager
-def _explained(dest: Path) -> Iterator[None]:
-    """Turn the system's refusal to write into an error that says what to do."""
-    try:
-        yield
-    except OSError as error:
-        advice = {
-            errno.ENOSPC: "free some space",
-            errno.EDQUOT: "free some of your quota",
-            errno.EACCES: "choose a folder that you may write to",
-            errno.EPERM: "choose a folder that you may write to",
-            errno.EROFS: "choose a file system that is not read-only",
-            errno.EFBIG: "choose smaller shards, or raise the limit on file size",
-            errno.ENOENT: "choose a destination whose folder exists or can be made",
-            errno.ENOTDIR: "choose a destination whose parents are folders",
-        }.get(error.errno or 0)
-        if advice is None:
-            raise
-        raise DestinationError(
-            f"{dest}: cannot be written: {error.strerror or error}"
-            f"{f' ({error.filename})' if error.filename else ''}; {advice} and run the ingest "
-            f"again. {_what_remains(dest)}",
-            path=str(dest),
-            errno=error.errno,
-        ) from error
+        sync(Path(folder))

@@ -121,14 +121,17 @@ def ingest(
             dataset=dataset,
             axes=axes,
         ) as opened,
+        # Before the folder is touched: a slip of the pen must not cost what an earlier run has.
+        _prepared(opened, options) as prepared,
         staged(dest_path, overwrite=overwrite) as folder,
     ):
-        prepared = _prepared(opened, options)
         run = IngestRun(prepared, dest_path, folder, options, progress, cancel)
         return run.run(restart=restart)
 
 
 def _prepared(source: Source, options: IngestOptions) -> Source:
-    """The source with its voxels as they are stored."""
+    """The source with its voxels as they are stored; refuses options that do not fit it."""
     part = source if options.region is None else RegionSource(source, options.region)
-    return converted(part, options.convert, options.window)
+    prepared = converted(part, options.convert, options.window)
+    options.codec_of(prepared)
+    return prepared

@@ -206,7 +206,6 @@ class IngestRun:
             for path, entry in record.manifest(str(level)).items()
         }
         revision = write_root(root, self._dest.stem, attributes, {"shards": manifest})
-        self._journal.remove()
         return self._report(attributes, revision)
 
     def _describe(self, root: zarr.Group) -> attrs.VolumeAttributes:

@@ -78,10 +78,6 @@ class Journal:
             return None  # none yet, or damaged: the ingest starts again
         return document["facts"], arrays
 
-    def remove(self) -> None:
-        """Forget the checkpoint: the volume is complete."""
-        self._path.unlink(missing_ok=True)
-
     def _require_same(self, inputs: Mapping[str, Any]) -> None:
         if inputs == self._inputs:
             return

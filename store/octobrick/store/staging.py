@@ -14,21 +14,10 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from octobrick.store.errors import DestinationError, DestinationExistsError
+from octobrick.store.durable import explained, sync
+from octobrick.store.errors import DestinationExistsError
 
 _SUFFIX = ".partial"
-
-_ADVICE = {
-    errno.ENOSPC: "free some space",
-    errno.EDQUOT: "free some of your quota",
-    errno.EACCES: "choose a folder that you may write to",
-    errno.EPERM: "choose a folder that you may write to",
-    errno.EROFS: "choose a file system that is not read-only",
-    errno.EFBIG: "raise the limit on file size, or write less",
-    errno.ENOENT: "choose a name in a folder that exists",
-    errno.ENOTDIR: "choose a name in a folder that exists",
-    errno.ENAMETOOLONG: "choose a shorter name",
-}
 
 
 @contextlib.contextmanager
@@ -42,7 +31,7 @@ def staged_file(out: Path, *, overwrite: bool) -> Iterator[Path]:
             is not a file.
         DestinationError: the system refuses to write (permissions, no space, read-only, …).
     """
-    with _explained(out):
+    with explained(out):
         _refuse_existing(out, overwrite=overwrite, is_folder=False)
         descriptor, name = tempfile.mkstemp(f"{_SUFFIX}-{out.name}", ".octobrick-", out.parent)
         os.fchmod(descriptor, 0o666 & ~_umask())
@@ -50,11 +39,11 @@ def staged_file(out: Path, *, overwrite: bool) -> Iterator[Path]:
         partial = Path(name)
         try:
             yield partial
-            _sync(partial)
+            sync(partial)
             _put_file(partial, out, overwrite=overwrite)
         finally:
             partial.unlink(missing_ok=True)
-        _sync(out.parent)
+        sync(out.parent)
 
 
 @contextlib.contextmanager
@@ -70,7 +59,7 @@ def staged_folder(out: Path, *, overwrite: bool, marker: str) -> Iterator[Path]:
         DestinationExistsError: there is something at ``out`` that is not to be replaced.
         DestinationError: the system refuses to write (permissions, no space, read-only, …).
     """
-    with _explained(out):
+    with explained(out):
         _refuse_existing(out, overwrite=overwrite, is_folder=True, marker=marker)
         partial = Path(tempfile.mkdtemp(f"{_SUFFIX}-{out.name}", ".octobrick-", out.parent))
         partial.chmod(0o777 & ~_umask())
@@ -80,7 +69,7 @@ def staged_folder(out: Path, *, overwrite: bool, marker: str) -> Iterator[Path]:
             _put_folder(partial, out, overwrite=overwrite)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
-        _sync(out.parent)
+        sync(out.parent)
 
 
 def _refuse_existing(out: Path, *, overwrite: bool, is_folder: bool, marker: str = "") -> None:
@@ -143,30 +132,5 @@ def _umask() -> int:
 def _sync_tree(folder: Path) -> None:
     for parent, _, names in os.walk(folder):
         for name in names:
-            _sync(Path(parent) / name)
-        _sync(Path(parent))
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
-@contextlib.contextmanager
-def _explained(out: Path) -> Iterator[None]:
-    """Turn the system's refusal to write into an error that says what to do."""
-    try:
-        yield
-    except OSError as error:
-        advice = _ADVICE.get(error.errno or 0)
-        if advice is None:
-            raise
-        raise DestinationError(
-            f"{out}: cannot be written: {error.strerror or error}; {advice} and try again. "
-            "Nothing was left behind",
-            path=str(out),
-            errno=error.errno,
-        ) from error
+            sync(Path(parent) / name)
+        sync(Path(parent))
