@@ -174,3 +174,32 @@ def test_a_window_that_maps_nothing_is_refused(tmp_path: Path, window: tuple[flo
     np.save(tmp_path / "v.npy", smooth((4, 4, 4)))
     with pytest.raises(InvalidInputError, match="window"):
         ingest(tmp_path / "v.npy", tmp_path / "v.zarr", convert="uint8", window=window)
+
+
+class SparseSource(FilmSource):
+    """Knows without reading which planes hold one value, and counts what it reads."""
+
+    nread = 0
+
+    def _read(self, box: Box, t: int, c: int) -> np.ndarray:
+        type(self).nread += box.shape_zyx[0]
+        return super()._read(box, t, c)
+
+    def _constant(self, box: Box, t: int, c: int) -> float | None:
+        values = np.unique(self.voxels[(t, c, *box.slices)])
+        return float(values[0]) if len(values) == 1 else None
+
+
+def test_planes_that_a_sparse_source_knows_are_stored_without_reading_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    voxels = np.full((1, 2, 40, 20, 30), -7, np.int16)
+    voxels[0, 1] = 5
+    voxels[0, :, 16:24, 3:9, 5:25] = 100
+    monkeypatch.setattr(sys.modules[ingest.__module__], "open_source", lambda *_, **__: sparse)
+    monkeypatch.setattr("octobrick.store.piece_reader.READ_NBYTES", 8 * 2 * 2 * 20 * 30)
+    sparse = SparseSource(voxels)
+    ingest("sparse", tmp_path / "v.zarr", codec=None, brick=16)
+    assert SparseSource.nread == 2 * 8
+    for c in range(2):
+        np.testing.assert_array_equal(open_volume(tmp_path / "v.zarr").read(0, c=c), voxels[0, c])

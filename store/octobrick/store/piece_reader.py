@@ -59,7 +59,9 @@ class PieceReader:
                 yield planes
 
     def _read(self, box: Box, t: int) -> Voxels:
-        planes = self._source.read_channels(box, t)
+        planes = self._constant(box, t)
+        if planes is None:
+            planes = self._source.read_channels(box, t)
         if planes.dtype.kind != "f":
             return planes
         finite = np.isfinite(planes)
@@ -68,6 +70,16 @@ class PieceReader:
         if self._replacement is None:
             raise self._not_finite(planes, finite, box, t)
         return np.where(finite, planes, planes.dtype.type(self._replacement))
+
+    def _constant(self, box: Box, t: int) -> Voxels | None:
+        """The planes of space that a sparse source knows to be empty, without reading them."""
+        source = self._source
+        values = [source.constant(box, t, c) for c in range(source.nc)]
+        if any(value is None for value in values):
+            return None
+        planes = np.empty((source.nc, *box.shape_zyx), source.dtype)
+        planes[...] = np.array(values, source.dtype)[:, np.newaxis, np.newaxis, np.newaxis]
+        return planes
 
     def _not_finite(
         self, planes: Voxels, finite: NDArray[np.bool_], box: Box, t: int
