@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from octobrick.store.brick_encoder import EncodedBrick
+from octobrick.store.durable import sync
 from octobrick.store.errors import SourceMismatchError
 from octobrick.store.progress import ProgressCallback, ProgressMeter
 from octobrick.store.rebuild import Address, Rebuild, source_of
@@ -71,12 +72,12 @@ def repair(
         damaged = {p.path for p in found if p.kind in ("shard", "brick")}
         damaged &= set(volume.shard_entries)
         strays = [p.path for p in found if p.kind == "stray"]
-        left = tuple(p for p in found if p.path not in damaged and p.kind != "stray")
         if damaged:
             made = _Repair(volume, source_of(volume, source), damaged, replace_nonfinite)
             made.run(workers or len(os.sched_getaffinity(0)), progress)
         for name in strays:
             (volume.path / name).unlink(missing_ok=True)
+    left = verify(path, workers=workers).problems if found else ()
     return RepairResult(tuple(sorted(damaged)), tuple(strays), left)
 
 
@@ -145,8 +146,4 @@ class _Repair:
 def _replace(made: Path, place: Path) -> None:
     place.parent.mkdir(parents=True, exist_ok=True)
     made.replace(place)
-    descriptor = os.open(place.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    sync(place.parent)

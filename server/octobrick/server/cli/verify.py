@@ -66,13 +66,7 @@ def _verify(
     if source is None:
         return verify(volume, workers=options["workers"], progress=progress)
     with open_given(source, options) as opened:
-        return verify_against(
-            volume,
-            opened,
-            replace_nonfinite=options["replace_nonfinite"],
-            workers=options["workers"],
-            progress=progress,
-        )
+        return verify_against(volume, opened, **_of_run(options), progress=progress)
 
 
 def _repair(
@@ -81,13 +75,12 @@ def _repair(
     from octobrick.store.repair import repair
 
     with open_given(source, options) as opened:
-        return repair(
-            volume,
-            opened,
-            replace_nonfinite=options["replace_nonfinite"],
-            workers=options["workers"],
-            progress=progress,
-        )
+        return repair(volume, opened, **_of_run(options), progress=progress)
+
+
+def _of_run(options: dict[str, Any]) -> dict[str, Any]:
+    """The options that are not of the source."""
+    return {name: options[name] for name in ("replace_nonfinite", "workers")}
 
 
 def _tell_report(report: VerifyReport, *, as_json: bool, quiet: bool) -> None:
