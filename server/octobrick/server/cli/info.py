@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from octobrick.server.cli.source_options import open_given, source_options
 from octobrick.server.cli.text import (
     format_nbytes,
     format_psnr,
@@ -22,13 +23,11 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("path")
-@click.option("--dataset", help="Which volume of a file that holds several.")
-@click.option("--axes", help="Axes of an array that does not name them, such as tzyx or zyxs.")
+@source_options
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
-def info(path: str, dataset: str | None, axes: str | None, as_json: bool) -> None:
+def info(path: str, as_json: bool, **options: Any) -> None:
     """Tell what is in PATH: a volume, or a file, folder, pattern or address to ingest."""
     from octobrick.store import open_volume
-    from octobrick.store.sources import open_source
 
     if _is_volume(Path(path)):
         with open_volume(path) as volume:
@@ -37,7 +36,7 @@ def info(path: str, dataset: str | None, axes: str | None, as_json: bool) -> Non
             else:
                 _print_volume(volume)
         return
-    with open_source(path, dataset=dataset, axes=axes) as source:
+    with open_given(path, options) as source:
         description = source.describe()
     if as_json:
         click.echo(json.dumps(description))

@@ -137,10 +137,13 @@ def refuse_folder(path: Path, files: Sequence[Path]) -> NoReturn:
     Raises:
         UnsupportedSourceError: always.
     """
+    # Descriptions beside raw files are no files of time steps.
+    voxels = next((file for file in files if file.suffix.lower() != ".json"), files[0])
+    ending = "".join(voxels.suffixes[-2 if voxels.suffix == ".gz" else -1 :])
     raise UnsupportedSourceError(
         f"{path}: is a folder of {len(files)} files, but none of them are pictures (PNG, JPEG, "
         f"TIFF) or DICOM; give one file, or the files of all time steps as a pattern such as "
-        f"'{path / ('*' + files[0].suffix)}'",
+        f"'{path / f'*{ending}'}'",
         path=str(path),
         files=len(files),
     )
