@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @source_options
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def info(path: str, as_json: bool, **options: Any) -> None:
-    """Tell what is in PATH: a volume, or a file, folder, pattern or address to ingest."""
+    """Tell what is in PATH: a volume, or a file, folder or pattern to ingest."""
     from octobrick.store import open_volume
 
     if _is_volume(Path(path)):

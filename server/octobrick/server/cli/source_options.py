@@ -52,7 +52,7 @@ def open_given(source: str, given: dict[str, Any]) -> Source:
     """The source that a command line names; close it.
 
     Args:
-        source: file, folder, pattern or address.
+        source: file, folder or pattern.
         given: the values of `source_options`, among others.
     """
     from octobrick.store.sources import open_source
