@@ -11,7 +11,9 @@
 #include <tuple>
 
 #include "bindings.h"
+#include "buffer.h"
 #include "contiguous.h"
+#include "octobrick/codec/reduce.h"
 
 namespace nb = nanobind;
 using namespace octobrick::codec;
@@ -54,6 +56,32 @@ void reduce_into(const Flat<const float>& fine, const Flat<float>& coarse, unsig
     reduce_gradient(span_of(fine), shape, radius, sigma, span_of(coarse), {threads, true});
 }
 
+using Triple = std::tuple<std::size_t, std::size_t, std::size_t>;
+
+Zyx zyx_of(const Triple& t) { return {std::get<0>(t), std::get<1>(t), std::get<2>(t)}; }
+
+bool is_within(std::size_t start, std::size_t count, std::size_t n) {
+    return count > 0 && start < n && count <= n - start;
+}
+
+std::optional<std::size_t> reduced_into(nb::handle volume, const Triple& start, const Triple& shape,
+                                        std::tuple<double, double, double> spacing_zyx,
+                                        const Flat<float>& coarse, unsigned threads, bool simd) {
+    const Buffer buffer(volume, PyBUF_STRIDES | PyBUF_FORMAT);
+    const auto voxels = buffer.volume<ConstVolume>();
+    const Part part{zyx_of(start), zyx_of(shape)};
+    require(is_within(part.start.z, part.shape.z, voxels.shape.z) &&
+                is_within(part.start.y, part.shape.y, voxels.shape.y) &&
+                is_within(part.start.x, part.shape.x, voxels.shape.x),
+            "the part is empty, or leaves the volume");
+    const Zyx half = half_shape(part.shape);
+    require(coarse.size() == 3 * half.z * half.y * half.x, "expected half the shape");
+    const auto [sz, sy, sx] = spacing_zyx;
+    const nb::gil_scoped_release unlocked;
+    return found_at(
+        reduced_differences(voxels, part, {sz, sy, sx}, span_of(coarse), {threads, simd}));
+}
+
 template <class T>
 std::optional<std::size_t> encode_into(const Flat<const T>& vectors,
                                        const Flat<std::uint8_t>& codes, unsigned threads,
@@ -94,6 +122,14 @@ void bind_gradients(nb::module_& m) {
           nb::sig("def reduce_gradient_into(fine: object, coarse: object, radius: int, "
                   "sigma: float, threads: int = 0) -> None"),
           "The gradient at half resolution.");
+    m.def("reduced_differences_into", &reduced_into, nb::arg("volume"), nb::arg("start"),
+          nb::arg("shape"), nb::arg("spacing_zyx"), nb::arg("coarse").noconvert(),
+          nb::arg("threads") = 0, nb::arg("simd") = true,
+          nb::sig("def reduced_differences_into(volume: object, start: tuple[int, int, int], "
+                  "shape: tuple[int, int, int], spacing_zyx: tuple[float, float, float], coarse: "
+                  "object, threads: int = 0, simd: bool = True) -> int | None"),
+          "The gradient of a part at half resolution; the first vector that is not finite, or "
+          "None.");
     m.def("encode_directions_into", &encode_any, nb::arg("vectors"), nb::arg("codes").noconvert(),
           nb::arg("threads") = 0, nb::arg("simd") = true,
           nb::sig("def encode_directions_into(vectors: object, codes: object, threads: int = 0, "

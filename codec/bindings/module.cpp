@@ -2,6 +2,7 @@
 // faults go back as values, which octobrick.codec turns into exceptions that say what to do.
 
 #include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/variant.h>
 
@@ -15,6 +16,7 @@
 #include "octobrick/codec/reduce.h"
 #include "octobrick/codec/s3dc.h"
 #include "octobrick/codec/upsample.h"
+#include "octobrick/codec/value_counts.h"
 
 namespace nb = nanobind;
 using namespace octobrick::codec;
@@ -120,6 +122,22 @@ nb::tuple compare_arrays(nb::handle a, nb::handle b, bool simd) {
     return nb::make_tuple(stats.count, stats.max_abs, squares);
 }
 
+using Counts = nb::ndarray<std::uint64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+bool count_values_into(nb::handle array, int exponent, std::int64_t first, const Counts& counts,
+                       bool simd) {
+    const Buffer buffer(array, kReadStrided);
+    const auto voxels = buffer.volume<ConstVolume>();
+    const int least = voxels.type == SampleType::f32 ? -512 : 0;
+    const std::int64_t most = std::int64_t{1} << 53;
+    if (exponent < least || exponent > 512 || first < -most || first > most ||
+        counts.size() >= std::size_t{1} << 31) {
+        throw nb::value_error("bins out of range");
+    }
+    const nb::gil_scoped_release unlocked;
+    return count_values(voxels, exponent, first, {counts.data(), counts.size()}, {1, simd});
+}
+
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -168,6 +186,12 @@ NB_MODULE(_native, m) {
         "compare", &compare_arrays, nb::arg("a"), nb::arg("b"), nb::arg("simd") = true,
         nb::sig("def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]"),
         "Count, max |a - b|, sum of (a - b)^2; whole for integer arrays.");
+
+    m.def("count_values_into", &count_values_into, nb::arg("array"), nb::arg("exponent"),
+          nb::arg("first"), nb::arg("counts").noconvert(), nb::arg("simd") = true,
+          nb::sig("def count_values_into(array: object, exponent: int, first: int, counts: object, "
+                  "simd: bool = True) -> bool"),
+          "Add the voxels to bins of width 2^exponent; False where one has no bin.");
 
     bind_deblock(m);
     bind_gradients(m);

@@ -11,6 +11,7 @@
 #include "octobrick/codec/reduce.h"
 #include "parallel.h"
 #include "rows.h"
+#include "stencil.h"
 #include "store_vector.h"
 
 namespace octobrick::codec {
@@ -18,21 +19,6 @@ namespace detail {
 namespace {
 
 // ---- Central differences ----
-
-// The two neighbours of position i on an axis of n, and what their difference is multiplied by.
-struct Stencil {
-    std::size_t below, above;
-    double scale;
-    Stencil(std::size_t i, std::size_t n, double spacing)
-        : below(i > 0 ? i - 1 : 0),
-          above(i + 1 < n ? i + 1 : i),
-          scale((above - below == 2 ? 0.5 : 1.0) / spacing) {}
-};
-
-template <class T>
-double difference(T above, T below, double scale) {
-    return (static_cast<double>(above) - static_cast<double>(below)) * scale;
-}
 
 template <class T>
 std::size_t first_not_finite(const T* row, std::size_t nx) {

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from octobrick.codec import gradients
+from octobrick.codec import _native, gradients
 from octobrick.codec import reference_gradients as reference
 from octobrick.codec.errors import InvalidInputError, NotFiniteError, UnsupportedError
 
@@ -42,6 +42,45 @@ def test_native_field_is_the_references(shape: tuple[int, int, int], dtype: str,
     radius, sigma = int(rng.integers(1, 6)), float(rng.uniform(0.2, 3))
     reduced = gradients.reduce(found, radius, sigma, threads=2)
     np.testing.assert_array_equal(reduced, reference.reduce(found, radius, sigma))
+
+
+@given(SHAPES, st.sampled_from(["uint8", "int8", "uint16", "int16", "float32"]), st.integers(0, 99))
+@settings(max_examples=80, deadline=None)
+def test_parts_reduced_in_one_go_are_those_of_the_whole(
+    shape: tuple[int, int, int], dtype: str, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    volume = (rng.normal(size=shape) * 100).clip(-400, 400).astype(np.int64).astype(dtype)
+    if dtype == "float32" and seed % 3 == 0:
+        volume = volume * np.float32(8e35)  # differences beyond the greatest float
+    spacing = tuple(rng.uniform(0.3, 3, 3))
+    start = [2 * int(rng.integers(0, (n + 1) // 2)) for n in shape]
+    count = [int(rng.integers(1, n - i + 1)) for i, n in zip(start, shape, strict=True)]
+    count = [
+        m if i + m == n else max(m & ~1, min(2, n - i)) for m, i, n in zip(count, start, shape)
+    ]
+    whole = gradients.reduce(gradients.central_differences(volume, spacing))
+    part = tuple(slice(i // 2, i // 2 + -(-m // 2)) for i, m in zip(start, count, strict=True))
+    for threads in (1, 2):
+        found = gradients.reduced_differences(
+            volume, spacing, start_zyx=start, shape_zyx=count, threads=threads
+        )
+        assert found.tobytes() == whole[part].tobytes()
+    plain = np.empty_like(whole[part])
+    at = (tuple(start), tuple(count))
+    assert _native.reduced_differences_into(volume, *at, spacing, plain, simd=False) is None
+    assert plain.tobytes() == whole[part].tobytes()
+
+
+def test_a_part_that_is_not_there_is_refused() -> None:
+    volume = np.zeros((4, 4, 4), np.uint8)
+    for start, shape in (((0, 0, 4), (1, 1, 1)), ((0, 0, 2), (1, 1, 3)), ((-2, 0, 0), (1, 1, 1))):
+        with pytest.raises(InvalidInputError, match="part"):
+            gradients.reduced_differences(volume, start_zyx=start, shape_zyx=shape)
+    volume = np.zeros((4, 4, 4), np.float32)
+    volume[2, 1, 3] = np.inf
+    with pytest.raises(NotFiniteError, match=r"\(2, 1, 3\)"):
+        gradients.reduced_differences(volume)
 
 
 def test_unsigned_differences_do_not_wrap() -> None:

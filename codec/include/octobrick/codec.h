@@ -9,5 +9,6 @@
 #include "octobrick/codec/s3dc_sampler.h"
 #include "octobrick/codec/s3dc_variable.h"
 #include "octobrick/codec/upsample.h"
+#include "octobrick/codec/value_counts.h"
 #include "octobrick/codec/view.h"
 #include "octobrick/codec/zerobit.h"

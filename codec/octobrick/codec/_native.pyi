@@ -88,6 +88,13 @@ def upsample2_into(coarse: object, fine: object, threads: int = 0, simd: bool = 
 def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]:
     """Count, max |a - b|, sum of (a - b)^2; whole for integer arrays."""
 
+def count_values_into(
+    array: object, exponent: int, first: int, counts: object, simd: bool = True
+) -> bool:
+    """
+    Add the voxels to bins of width 2^exponent; False where one has no bin.
+    """
+
 class DeblockLimit(enum.Enum):
     """How a bound limits a change; see deblock.h."""
 
@@ -122,6 +129,19 @@ def reduce_gradient_into(
     fine: object, coarse: object, radius: int, sigma: float, threads: int = 0
 ) -> None:
     """The gradient at half resolution."""
+
+def reduced_differences_into(
+    volume: object,
+    start: tuple[int, int, int],
+    shape: tuple[int, int, int],
+    spacing_zyx: tuple[float, float, float],
+    coarse: object,
+    threads: int = 0,
+    simd: bool = True,
+) -> int | None:
+    """
+    The gradient of a part at half resolution; the first vector that is not finite, or None.
+    """
 
 def encode_directions_into(
     vectors: object, codes: object, threads: int = 0, simd: bool = True

@@ -24,6 +24,7 @@ from octobrick.codec.arrays import (
     Voxels,
     contiguous,
     not_finite,
+    require_extents,
     require_spacing,
     require_threads,
     require_volume,
@@ -111,6 +112,60 @@ def reduce(
     fine = contiguous(gradient)
     coarse = np.empty((*(-(-n // 2) for n in fine.shape[:3]), 3), np.float32)
     _native.reduce_gradient_into(fine, coarse, radius, sigma, require_threads(threads))
+    return coarse
+
+
+def reduced_differences(
+    volume: Voxels,
+    spacing_zyx: Sequence[float] = (1, 1, 1),
+    *,
+    start_zyx: Sequence[int] = (0, 0, 0),
+    shape_zyx: Sequence[int] | None = None,
+    threads: int | None = None,
+) -> Vectors:
+    """The gradient of a part of a volume at half resolution, without the fine one in memory.
+
+    The same, bit for bit, as that part of ``reduce(central_differences(volume, spacing_zyx))``, if
+    it starts at even positions and ends at even positions or with the volume. The voxels around
+    it serve as neighbours, so a volume may be cut into parts that overlap by one voxel.
+
+    Args:
+        volume: (z, y, x), of uint8, int8, uint16, int16 or float32, with any strides.
+        spacing_zyx: as for `central_differences`.
+        start_zyx: the part's first voxel.
+        shape_zyx: the part's voxels; by default all from its start on.
+        threads: how many may work; None is one, or all processors from 4 MiB on.
+
+    Returns:
+        float32 (z, y, x, 3) with the axes of the part halved and rounded up.
+
+    Raises:
+        InvalidInputError: no such part, or what `central_differences` refuses.
+        NotFiniteError, UnsupportedError: as `central_differences`.
+    """
+    volume = require_volume(volume)
+    spacing = require_spacing(spacing_zyx)
+    z, y, x = (operator.index(i) for i in start_zyx)
+    start = (z, y, x)
+    if shape_zyx is None:
+        shape_zyx = [n - i for n, i in zip(volume.shape, start, strict=True)]
+    shape = require_extents(shape_zyx, "shape_zyx")
+    ends = [i + n for i, n in zip(start, shape, strict=True)]
+    if min(start) < 0 or any(end > n for end, n in zip(ends, volume.shape, strict=True)):
+        raise InvalidInputError(
+            f"there is no part from {start} to {tuple(ends)} (z, y, x) in a volume of "
+            f"{volume.shape}",
+            start_zyx=list(start),
+            stop_zyx=ends,
+        )
+    coarse = np.empty((*(-(-n // 2) for n in shape), 3), np.float32)
+    fault = _native.reduced_differences_into(
+        volume, start, shape, spacing, coarse, require_threads(threads)
+    )
+    if fault is not None:
+        at = np.argwhere(~np.isfinite(volume))[0]
+        index = int(np.ravel_multi_index(tuple(at), volume.shape))
+        raise not_finite(volume, index, "it has no gradient")
     return coarse
 
 

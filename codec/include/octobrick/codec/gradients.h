@@ -41,6 +41,22 @@ std::size_t central_differences(const ConstVolume& volume, const double (&spacin
 void reduce_gradient(std::span<const float> fine, Zyx shape, unsigned radius, double sigma,
                      std::span<float> coarse, Execution execution = {});
 
+// A box of voxels of a volume.
+struct Part {
+    Zyx start, shape;
+};
+
+// Writes what `reduce_gradient` with a radius of 1 makes of the part of `central_differences` of
+// the volume that lies in `part`, bit for bit, but keeps no fine gradient. Where the part ends
+// inside the volume, the voxels beyond it serve as neighbours; for the same result whatever a whole
+// is cut into, parts begin at even positions and end at even positions or at the face.
+// `coarse` has 3 floats a voxel of half_shape(part.shape); the part is not empty and within the
+// volume. Returns the flat index of the first coarse vector that is not finite, as those are that
+// NaN or infinite voxels reach, with `coarse` unspecified; else kAllFinite.
+std::size_t reduced_differences(const ConstVolume& volume, const Part& part,
+                                const double (&spacing_zyx)[3], std::span<float> coarse,
+                                Execution execution = {});
+
 // Writes the code of every vector; `codes` has as many bytes as `vectors` has components, a
 // multiple of 3. Returns the index of the first vector that is not finite, with `codes`
 // unspecified; else kAllFinite.

@@ -1,4 +1,4 @@
-"""How far decoded data are from the original: max error, RMSE, PSNR, SSIM, angles.
+"""How far decoded data are from the original: max error, RMSE, PSNR, SSIM, angles; histograms.
 
 All functions are pure and thread-safe. Where a `peak` is wanted and none is given, it is the value
 range of the first array (its maximum − minimum), whatever its type: the range of the type says
@@ -22,23 +22,31 @@ with `+`, and what is added up over the parts is that of the whole:
     for part in parts:
         angles += angular_stats(original_gradients[part], decoded_gradients[part])
     angles.percentile(99)
+
+    counts = Histogram()
+    for part in parts:
+        counts += histogram(original[part], original[part].min(), original[part].max())
+    counts.quantile(0.99)
 """
 
 from __future__ import annotations
 
 from octobrick.codec.metrics.angles import AngularStats, angular_error, angular_stats
 from octobrick.codec.metrics.differences import ErrorStats, compare, max_error, psnr
+from octobrick.codec.metrics.histogram import Histogram, histogram
 from octobrick.codec.metrics.similarity import SsimStats, ssim, ssim_parts, ssim_stats
 from octobrick.codec.metrics.values import ValueRange, value_range
 
 __all__ = [
     "AngularStats",
     "ErrorStats",
+    "Histogram",
     "SsimStats",
     "ValueRange",
     "angular_error",
     "angular_stats",
     "compare",
+    "histogram",
     "max_error",
     "psnr",
     "ssim",
