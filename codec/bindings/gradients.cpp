@@ -128,8 +128,7 @@ void bind_gradients(nb::module_& m) {
           nb::sig("def reduced_differences_into(volume: object, start: tuple[int, int, int], "
                   "shape: tuple[int, int, int], spacing_zyx: tuple[float, float, float], coarse: "
                   "object, threads: int = 0, simd: bool = True) -> int | None"),
-          "The gradient of a part at half resolution; the first vector that is not finite, or "
-          "None.");
+          "The reduced gradient of a part; the first that is not finite, or None.");
     m.def("encode_directions_into", &encode_any, nb::arg("vectors"), nb::arg("codes").noconvert(),
           nb::arg("threads") = 0, nb::arg("simd") = true,
           nb::sig("def encode_directions_into(vectors: object, codes: object, threads: int = 0, "

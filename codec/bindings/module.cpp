@@ -191,7 +191,7 @@ NB_MODULE(_native, m) {
           nb::arg("first"), nb::arg("counts").noconvert(), nb::arg("simd") = true,
           nb::sig("def count_values_into(array: object, exponent: int, first: int, counts: object, "
                   "simd: bool = True) -> bool"),
-          "Add the voxels to bins of width 2^exponent; False where one has no bin.");
+          "Add the voxels to bins; False where one has no bin.");
 
     bind_deblock(m);
     bind_gradients(m);

@@ -56,9 +56,9 @@ def test_parts_reduced_in_one_go_are_those_of_the_whole(
     spacing = tuple(rng.uniform(0.3, 3, 3))
     start = [2 * int(rng.integers(0, (n + 1) // 2)) for n in shape]
     count = [int(rng.integers(1, n - i + 1)) for i, n in zip(start, shape, strict=True)]
-    count = [
-        m if i + m == n else max(m & ~1, min(2, n - i)) for m, i, n in zip(count, start, shape)
-    ]
+    evened = [max(m & ~1, min(2, n - i)) for m, i, n in zip(count, start, shape, strict=True)]
+    ends = [i + m == n for m, i, n in zip(count, start, shape, strict=True)]
+    count = [m if end else even for m, even, end in zip(count, evened, ends, strict=True)]
     whole = gradients.reduce(gradients.central_differences(volume, spacing))
     part = tuple(slice(i // 2, i // 2 + -(-m // 2)) for i, m in zip(start, count, strict=True))
     for threads in (1, 2):

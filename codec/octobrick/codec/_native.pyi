@@ -91,9 +91,7 @@ def compare(a: object, b: object, simd: bool = True) -> tuple[int, float, float]
 def count_values_into(
     array: object, exponent: int, first: int, counts: object, simd: bool = True
 ) -> bool:
-    """
-    Add the voxels to bins of width 2^exponent; False where one has no bin.
-    """
+    """Add the voxels to bins; False where one has no bin."""
 
 class DeblockLimit(enum.Enum):
     """How a bound limits a change; see deblock.h."""
@@ -139,9 +137,7 @@ def reduced_differences_into(
     threads: int = 0,
     simd: bool = True,
 ) -> int | None:
-    """
-    The gradient of a part at half resolution; the first vector that is not finite, or None.
-    """
+    """The reduced gradient of a part; the first that is not finite, or None."""
 
 def encode_directions_into(
     vectors: object, codes: object, threads: int = 0, simd: bool = True

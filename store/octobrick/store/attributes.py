@@ -15,11 +15,11 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from octobrick.codec import S3dc
+from octobrick.codec import S3dc, metrics
 from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Zyx, ceil_div
 from octobrick.store.errors import VolumeFormatError
-from octobrick.store.pyramid import REDUCERS
+from octobrick.store.reducers import REDUCERS
 from octobrick.store.shard import DIGEST_NBYTES
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
 from octobrick.store.zarr_codec import (
@@ -36,6 +36,7 @@ BRICK_MIN, BRICK_MAX = 8, 256
 SHARD_BRICKS_MAX = 64
 LEVELS_MAX = 32
 SIDE_MAX = 2**31 - 1
+_EXPONENT_MAX = 512  # of a histogram
 
 Number = int | float
 Json = Any
@@ -44,13 +45,17 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class LevelAttributes:
-    """What is known of one level beside its voxels; ``psnr_db`` is None where nothing was lost."""
+    """What is known of one level beside its voxels.
+
+    ``psnr_db`` is None where nothing was lost, ``gradient_nbytes`` where no gradients are stored.
+    """
 
     shape_zyx: Zyx
     stored_nbytes: int
     max_error: Number
     rmse: float
     psnr_db: float | None
+    gradient_nbytes: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +74,7 @@ class VolumeAttributes:
     levels: tuple[LevelAttributes, ...]
     value_range: tuple[Number, Number]
     window: tuple[Number, Number]
+    histograms: tuple[metrics.Histogram, ...]
     source: Mapping[str, Json]
 
     def revision(self, manifest: Json) -> str:
@@ -95,11 +101,13 @@ class VolumeAttributes:
                     "max_error": level.max_error,
                     "rmse": level.rmse,
                     "psnr_db": level.psnr_db,
+                    "gradient_nbytes": level.gradient_nbytes,
                 }
                 for level in self.levels
             ],
             "value_range": list(self.value_range),
             "window": list(self.window),
+            "histograms": [_histogram_to_json(h) for h in self.histograms],
             "source": dict(self.source),
         }
 
@@ -139,6 +147,7 @@ class VolumeAttributes:
             levels=checked.levels(),
             value_range=cast("tuple[Number, Number]", tuple(checked.numbers("value_range", 2))),
             window=cast("tuple[Number, Number]", tuple(checked.numbers("window", 2))),
+            histograms=checked.histograms(),
             source=checked.get("source", dict),
         )
 
@@ -159,6 +168,14 @@ def _codec_to_json(codec: S3dc | None) -> dict[str, Json]:
     if codec is None:
         return {"name": BYTES_NAME}
     return {"name": S3DC_NAME, "configuration": s3dc_configuration(codec)}
+
+
+def _histogram_to_json(histogram: metrics.Histogram) -> dict[str, Json]:
+    return {
+        "exponent": histogram.exponent,
+        "first": histogram.first,
+        "counts": histogram.counts.tolist(),
+    }
 
 
 class _Fields:
@@ -243,14 +260,37 @@ class _Fields:
                 "max_error": max_error,
                 "rmse": rmse,
                 "psnr_db": psnr_db,
+                "gradient_nbytes": gradient_nbytes,
             } if (
                 all(1 <= n <= SIDE_MAX for n in (z, y, x))
                 and _is_finite_number(max_error)
                 and _is_finite_number(rmse)
                 and (psnr_db is None or _is_finite_number(psnr_db))
+                and (gradient_nbytes is None or type(gradient_nbytes) is int)
             ):
-                return LevelAttributes((z, y, x), stored_nbytes, max_error, rmse, psnr_db)
-        raise self.wrong("levels", "shape, stored_nbytes, max_error, rmse and psnr_db of each")
+                return LevelAttributes(
+                    (z, y, x), stored_nbytes, max_error, rmse, psnr_db, gradient_nbytes
+                )
+        raise self.wrong(
+            "levels", "shape, stored_nbytes, max_error, rmse, psnr_db and gradient_nbytes of each"
+        )
+
+    def histograms(self) -> tuple[metrics.Histogram, ...]:
+        values = self.get("histograms", list)
+        if len(values) != self.count("channels"):
+            raise self.wrong("histograms", "one of each channel")
+        return tuple(self._histogram(value) for value in values)
+
+    def _histogram(self, value: Json) -> metrics.Histogram:
+        match value:
+            case {"exponent": int(exponent), "first": int(first), "counts": list(counts)} if (
+                abs(exponent) <= _EXPONENT_MAX
+                and abs(first) < 2**53
+                and len(counts) <= metrics.BINS_MAX
+                and all(type(n) is int and 0 <= n < 2**63 for n in counts)
+            ):
+                return metrics.Histogram(exponent, first, np.array(counts, np.uint64))
+        raise self.wrong("histograms", "exponent, first and counts of each")
 
 
 def _is_finite_number(value: Json) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,10 @@ from octobrick.store import frame as zstd_frame
 from octobrick.store.box import Box, Zyx
 
 Voxels = NDArray[np.generic]
+DirectionCodes = NDArray[np.uint8]
+
+NO_DIRECTION = 128
+"""The code of the zero vector, in each of its three bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +28,9 @@ class EncodedBrick:
     """
 
     frame: bytes | None
-    low: float
-    high: float
-    errors: metrics.ErrorStats
+    low: float = 0.0
+    high: float = 0.0
+    errors: metrics.ErrorStats = field(default_factory=metrics.ErrorStats)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,21 +47,14 @@ class BrickEncoder:
     brick: int
     zstd_level: int
 
-    def encode(
-        self, window: Voxels, window_box: Box, brick_box: Box, level_box: Box
-    ) -> EncodedBrick:
-        """Encode the brick that fills ``brick_box`` of a level.
+    def encode(self, around: Voxels, core: Box) -> EncodedBrick:
+        """Encode one brick.
 
         Args:
-            window: voxels around the brick, as far as the level goes on one voxel beyond it.
-            window_box: where the window lies in the level.
-            brick_box: the brick's full box, which may end beyond the level.
-            level_box: the box of the level.
+            around: the voxels of the brick and those one voxel around it, as far as the level goes.
+            core: where the brick's own voxels lie in them.
         """
-        origin = window_box.start_zyx
-        offset = (-origin[0], -origin[1], -origin[2])
-        around = window[brick_box.grow(1).intersect(level_box).shift(offset).slices]
-        voxels = window[brick_box.intersect(level_box).shift(offset).slices]
+        voxels = around[core.slices]
         low, high = around.min(), around.max()
         count = voxels.size
         if not voxels.view(f"u{voxels.itemsize}").any():  # bitwise: -0.0 is not the fill value
@@ -74,9 +71,32 @@ class BrickEncoder:
         return EncodedBrick(zstd_frame.compress(code, self.zstd_level), low, high, errors)
 
 
+@dataclass(frozen=True, slots=True)
+class DirectionEncoder:
+    """Stores bricks of gradient directions, coded in three bytes each.
+
+    Args:
+        brick: voxels per axis.
+        zstd_level: of the entropy layer.
+    """
+
+    brick: int
+    zstd_level: int
+
+    def encode(self, codes: DirectionCodes) -> EncodedBrick:
+        """Encode one brick of codes (z, y, x, 3); absent where no voxel has a direction."""
+        if (codes == NO_DIRECTION).all():
+            return EncodedBrick(None)
+        padded = pad_to(codes, (self.brick,) * 3)
+        return EncodedBrick(zstd_frame.compress(padded.tobytes(), self.zstd_level))
+
+
 def pad_to(voxels: Voxels, shape_zyx: Zyx) -> Voxels:
-    """The voxels, grown to a shape by repeating the last ones, which widens no block's range."""
-    if voxels.shape == shape_zyx:
+    """The voxels, grown to a shape by repeating the last ones, which widens no block's range.
+
+    Axes behind the third stay as they are.
+    """
+    if voxels.shape[:3] == shape_zyx:
         return voxels
-    widths = [(0, n - have) for n, have in zip(shape_zyx, voxels.shape, strict=True)]
-    return np.pad(voxels, widths, mode="edge")
+    widths = [(0, n - have) for n, have in zip(shape_zyx, voxels.shape, strict=False)]
+    return np.pad(voxels, [*widths, *[(0, 0)] * (voxels.ndim - 3)], mode="edge")

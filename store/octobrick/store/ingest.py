@@ -30,6 +30,7 @@ def ingest(
     zstd_level: int = 3,
     levels: int | None = None,
     reducer: str | None = None,
+    gradients: bool = False,
     labels: bool | None = None,
     convert: str | None = None,
     window: tuple[float, float] | None = None,
@@ -66,6 +67,8 @@ def ingest(
         levels: how many; by default until one brick holds the coarsest.
         reducer: what makes a coarser voxel of 2×2×2: ``"mean"``, ``"max"``, ``"min"``, ``"mode"``
             or ``"nearest"``; by default mode for labels, else mean.
+        gradients: also store the directions of gradients of all levels but the finest, in three
+            bytes each, for shading.
         labels: whether voxels are names, not quantities; by default what the source says.
         convert: the sample type to store, where it is not the source's.
         window: the values that become the ends of the type that voxels are converted to.
@@ -101,6 +104,7 @@ def ingest(
         zstd_level=zstd_level,
         levels=levels,
         reducer=reducer,
+        gradients=gradients,
         labels=labels,
         convert=convert,
         window=window,

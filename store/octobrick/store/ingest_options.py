@@ -11,7 +11,7 @@ from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store import attributes as attrs
 from octobrick.store.box import Box
-from octobrick.store.pyramid import REDUCERS
+from octobrick.store.reducers import REDUCERS
 from octobrick.store.sources import Source
 from octobrick.store.zarr_codec import require_volume_codec, s3dc_configuration
 
@@ -33,6 +33,7 @@ class IngestOptions:
     zstd_level: int
     levels: int | None
     reducer: str | None
+    gradients: bool
     labels: bool | None
     convert: str | None
     window: tuple[float, float] | None
@@ -99,6 +100,7 @@ class IngestOptions:
             "zstd_level": self.zstd_level,
             "levels": self.levels,
             "reducer": self.reducer,
+            "gradients": self.gradients,
             "labels": self.labels,
             "convert": self.convert,
             "window": self.window and list(self.window),

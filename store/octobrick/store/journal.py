@@ -8,13 +8,12 @@ again; as nothing depends on timing, they are the same.
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +22,20 @@ from octobrick.store.errors import ResumeError
 
 JOURNAL_NAME = ".journal"
 _FACTS = "facts.json"
-_VERSION = 1
+_VERSION = 2
+_PIECE_NBYTES = 16 * 2**20
 
-Arrays = dict[str, NDArray[Any]]
+
+class Planes(NamedTuple):
+    """An array that need not be in memory as a whole."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    pieces: Callable[[], Iterator[NDArray[Any]]]
+    """Gives it in pieces along the first axis."""
+
+
+Arrays = dict[str, NDArray[Any] | Planes]
 
 
 class Journal:
@@ -41,7 +51,7 @@ class Journal:
         self._path = folder / JOURNAL_NAME
         self._inputs = json.loads(json.dumps(inputs))
 
-    def write(self, facts: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+    def write(self, facts: Mapping[str, Any], arrays: Arrays) -> None:
         """Replace the checkpoint by this one; durable when it returns."""
         document = {"version": _VERSION, "inputs": self._inputs, "facts": facts}
         temporary = self._path.with_name(JOURNAL_NAME + ".part")
@@ -50,33 +60,31 @@ class Journal:
                 archive.writestr(_FACTS, json.dumps(document))
                 for name, array in arrays.items():
                     with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                        np.lib.format.write_array(member, array, allow_pickle=False)
+                        _write_array(member, array)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(self._path)
 
-    def read(self) -> tuple[dict[str, Any], Arrays] | None:
-        """The last checkpoint; None where there is none that can be read.
+    def read(self) -> Checkpoint | None:
+        """The last checkpoint, to be closed; None where there is none that can be read.
 
         Raises:
             ResumeError: it is of an ingest from another source or with other options.
         """
+        archive = None
         try:
-            with zipfile.ZipFile(self._path) as archive:
-                document = json.loads(archive.read(_FACTS))
-                if document["version"] != _VERSION:
-                    return None
+            archive = zipfile.ZipFile(self._path)
+            document = json.loads(archive.read(_FACTS))
+            if document["version"] == _VERSION:
                 self._require_same(document["inputs"])
-                arrays = {
-                    name.removesuffix(".npy"): np.lib.format.read_array(
-                        io.BytesIO(archive.read(name)), allow_pickle=False
-                    )
-                    for name in archive.namelist()
-                    if name != _FACTS
-                }
+                return Checkpoint(document["facts"], archive)
+        except ResumeError:
+            raise
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
-            return None  # none yet, or damaged: the ingest starts again
-        return document["facts"], arrays
+            pass  # none yet, or damaged: the ingest starts again
+        if archive is not None:
+            archive.close()
+        return None
 
     def _require_same(self, inputs: Mapping[str, Any]) -> None:
         if inputs == self._inputs:
@@ -92,9 +100,78 @@ class Journal:
         )
 
 
+class Checkpoint:
+    """What a journal held. Its arrays are read, and checked, as they are asked for.
+
+    Attributes:
+        facts: what was written.
+    """
+
+    def __init__(self, facts: dict[str, Any], archive: zipfile.ZipFile) -> None:
+        self.facts = facts
+        self._archive = archive
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._archive.close()
+
+    def array(self, name: str) -> NDArray[Any]:
+        """An array.
+
+        Raises:
+            KeyError, ValueError, BadZipFile: it is missing or damaged.
+        """
+        with self._archive.open(f"{name}.npy") as member:
+            array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
+            member.read(1)  # the end, where the checksum is looked at
+        return array
+
+    def planes(
+        self, name: str, plane_shape: tuple[int, ...], dtype: np.dtype[Any]
+    ) -> Iterator[NDArray[Any]]:
+        """An array in pieces of a bounded size along its first axis.
+
+        Args:
+            name: which.
+            plane_shape: of the axes behind the first.
+            dtype: sample type.
+
+        Raises:
+            KeyError, ValueError, BadZipFile: it is missing, damaged, or of another shape or type.
+        """
+        with self._archive.open(f"{name}.npy") as member:
+            np.lib.format.read_magic(member)
+            shape, fortran, found = np.lib.format.read_array_header_1_0(member)
+            if shape[1:] != plane_shape or found != dtype or fortran:
+                raise ValueError(f"{name} has shape {shape} of {found}, not (…, {plane_shape})")
+            plane_nbytes = int(np.prod(plane_shape)) * dtype.itemsize
+            step = max(1, _PIECE_NBYTES // max(plane_nbytes, 1))
+            for z in range(0, shape[0], step):
+                count = min(step, shape[0] - z)
+                data = member.read(count * plane_nbytes)
+                yield np.frombuffer(data, dtype).reshape(count, *plane_shape)
+            member.read(1)
+
+
 def has_checkpoint(folder: Path) -> bool:
     """Whether an ingest can go on from what lies in this folder."""
     return (folder / JOURNAL_NAME).is_file()
+
+
+def _write_array(member: IO[bytes], array: NDArray[Any] | Planes) -> None:
+    if not isinstance(array, Planes):
+        np.lib.format.write_array(member, array, allow_pickle=False)
+        return
+    header = {
+        "descr": np.lib.format.dtype_to_descr(array.dtype),
+        "fortran_order": False,
+        "shape": array.shape,
+    }
+    np.lib.format.write_array_header_1_0(member, header)
+    for piece in array.pieces():
+        member.write(np.ascontiguousarray(piece).data.cast("B"))
 
 
 def _differences(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from zarr.codecs import BytesCodec, ZstdCodec
 
 from octobrick.codec import S3dc
 from octobrick.store.attributes import VolumeAttributes
+from octobrick.store.brick_encoder import NO_DIRECTION
 from octobrick.store.zarr_codec import S3dcZarrCodec
 
 MANIFEST_NAME = "manifest.json"
@@ -26,32 +28,68 @@ _AXES = ("t", "c", "z", "y", "x")
 _SMALL_CHUNK = 64  # bricks per axis in a chunk of ranges or fidelity: at most 2 MiB of float32
 
 
+@dataclass(frozen=True, slots=True)
+class BrickLayout:
+    """How the bricks of every array of a volume lie in its shards.
+
+    Args:
+        brick: voxels per brick and axis.
+        shard_bricks: bricks per shard and axis.
+        zstd_level: of their frames.
+    """
+
+    brick: int
+    shard_bricks: int
+    zstd_level: int
+
+
 def level_array(
     root: zarr.Group,
     path: str,
     shape_tczyx: tuple[int, int, int, int, int],
     dtype: np.dtype[np.generic],
-    *,
     codec: S3dc | None,
-    brick: int,
-    shard_bricks: int,
-    zstd_level: int,
+    layout: BrickLayout,
 ) -> None:
     """Write the metadata of the array of one level, whose shards are there."""
+    serializer = (
+        BytesCodec(endian=None if dtype.itemsize == 1 else "little")
+        if codec is None
+        else S3dcZarrCodec(codec)
+    )
+    _brick_array(root, path, shape_tczyx, dtype, serializer, layout, fill_value=0)
+
+
+def directions_array(
+    root: zarr.Group, path: str, shape_tczyx: tuple[int, int, int, int, int], layout: BrickLayout
+) -> None:
+    """Write the metadata of the array of the gradients of one level, whose shards are there."""
+    shape, dtype = (*shape_tczyx, 3), np.dtype(np.uint8)
+    _brick_array(root, path, shape, dtype, BytesCodec(endian=None), layout, fill_value=NO_DIRECTION)
+
+
+def _brick_array(
+    root: zarr.Group,
+    path: str,
+    shape: tuple[int, ...],
+    dtype: np.dtype[np.generic],
+    serializer: Any,
+    layout: BrickLayout,
+    *,
+    fill_value: int,
+) -> None:
+    brick, shard = layout.brick, layout.brick * layout.shard_bricks
+    vector = shape[5:]
     root.create_array(
         path,
-        shape=shape_tczyx,
+        shape=shape,
         dtype=dtype,
-        chunks=(1, 1, *(brick,) * 3),
-        shards=(1, 1, *(brick * shard_bricks,) * 3),
-        serializer=(
-            BytesCodec(endian=None if dtype.itemsize == 1 else "little")
-            if codec is None
-            else S3dcZarrCodec(codec)
-        ),
-        compressors=ZstdCodec(level=zstd_level, checksum=True),
-        fill_value=0,
-        dimension_names=_AXES,
+        chunks=(1, 1, brick, brick, brick, *vector),
+        shards=(1, 1, shard, shard, shard, *vector),
+        serializer=serializer,
+        compressors=ZstdCodec(level=layout.zstd_level, checksum=True),
+        fill_value=fill_value,
+        dimension_names=(*_AXES, *(None for _ in vector)),
     )
 
 

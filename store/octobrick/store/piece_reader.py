@@ -1,9 +1,10 @@
-"""The source's planes from one on, in pieces of a bounded size, one piece read ahead of its use."""
+"""The source's voxels from a plane on, in pieces of bounded size, one read ahead of its use."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,44 +20,89 @@ Voxels = NDArray[np.generic]
 READ_NBYTES = 16 * 2**20
 
 
+class Piece(NamedTuple):
+    """Whole rows of all channels.
+
+    Attributes:
+        z: of its first plane.
+        y: of its first row.
+        voxels: (c, z, y, x).
+        stop_z: all planes before this one have been given, with this piece.
+    """
+
+    z: int
+    y: int
+    voxels: Voxels
+    stop_z: int
+
+
 class PieceReader:
-    """Reads whole planes of all channels in order.
+    """Reads whole rows of all channels in order, plane after plane, as the source is laid out.
 
     Args:
         source: what is read.
         replace_nonfinite: what stands for NaN and ±Inf; None refuses them.
+        brick: no piece has more planes than a brick, but where the source's chunks have.
+        piece_nbytes: the size that pieces should have, `READ_NBYTES` by default; none has less
+            than a row of chunks.
     """
 
-    def __init__(self, source: Source, replace_nonfinite: float | None) -> None:
+    def __init__(
+        self,
+        source: Source,
+        replace_nonfinite: float | None,
+        brick: int,
+        piece_nbytes: int | None = None,
+    ) -> None:
         self._source = source
         self._replacement = replace_nonfinite
-        _, ny, nx = source.shape_zyx
-        plane_nbytes = ny * nx * source.dtype.itemsize * source.nc
-        step = max(1, READ_NBYTES // plane_nbytes)
-        if source.chunk_zyx is not None:  # half a chunk costs as much as all of it
-            step = max(step // source.chunk_zyx[0], 1) * source.chunk_zyx[0]
-        self._step = step
+        piece_nbytes = piece_nbytes or READ_NBYTES
+        nz, ny, nx = source.shape_zyx
+        row_nbytes = nx * source.dtype.itemsize * source.nc
+        chunk_nz, chunk_ny, _ = source.chunk_zyx or (1, 1, 1)
+        # Half a chunk costs as much as all of it.
+        planes = min(max(1, piece_nbytes // (ny * row_nbytes)), brick)
+        self.nplanes = min(max(planes // chunk_nz, 1) * chunk_nz, nz)
+        rows = max(1, piece_nbytes // (self.nplanes * row_nbytes))
+        self._nrows = min(max(rows // chunk_ny, 1) * chunk_ny, ny)
 
-    def pieces(self, t: int, first_z: int) -> Iterator[Voxels]:
-        """The planes (c, z, y, x) of a time step from ``first_z`` on.
+    @property
+    def piece_nbytes(self) -> int:
+        """Of the largest piece."""
+        source = self._source
+        row_nbytes = source.shape_zyx[2] * source.dtype.itemsize * source.nc
+        return self.nplanes * self._nrows * row_nbytes
+
+    def pieces(self, t: int, first_z: int) -> Iterator[Piece]:
+        """All of a time step from plane ``first_z`` on.
 
         Raises:
             NotFiniteError: with the voxel's position.
             SourceError: the source is damaged.
         """
-        nz, ny, nx = self._source.shape_zyx
-        starts = [first_z, *range((first_z // self._step + 1) * self._step, nz, self._step)]
-        stops = [*starts[1:], nz]
-        boxes = [Box((a, 0, 0), (b, ny, nx)) for a, b in zip(starts, stops, strict=True) if a < b]
-        if not boxes:
+        boxes = self._boxes(first_z)
+        box = next(boxes, None)
+        if box is None:
             return
+        ny = self._source.shape_zyx[1]
         with ThreadPoolExecutor(1, thread_name_prefix="octobrick-read") as reader:
-            ahead = reader.submit(self._read, boxes[0], t)
-            for following in [*boxes[1:], None]:
-                planes = ahead.result()
+            ahead = reader.submit(self._read, box, t)
+            while box is not None:
+                voxels, following = ahead.result(), next(boxes, None)
                 if following is not None:
                     ahead = reader.submit(self._read, following, t)
-                yield planes
+                (z, y, _), (stop_z, stop_y, _) = box.start_zyx, box.stop_zyx
+                yield Piece(z, y, voxels, stop_z if stop_y == ny else z)
+                box = following
+
+    def _boxes(self, first_z: int) -> Iterator[Box]:
+        nz, ny, nx = self._source.shape_zyx
+        start_z = first_z
+        while start_z < nz:
+            stop_z = min((start_z // self.nplanes + 1) * self.nplanes, nz)
+            for start_y in range(0, ny, self._nrows):
+                yield Box((start_z, start_y, 0), (stop_z, min(start_y + self._nrows, ny), nx))
+            start_z = stop_z
 
     def _read(self, box: Box, t: int) -> Voxels:
         planes = self._constant(box, t)
@@ -85,7 +131,7 @@ class PieceReader:
         self, planes: Voxels, finite: NDArray[np.bool_], box: Box, t: int
     ) -> NotFiniteError:
         c, z, y, x = (int(i) for i in np.argwhere(~finite)[0])
-        voxel_zyx = [z + box.start_zyx[0], y, x]
+        voxel_zyx = [z + box.start_zyx[0], y + box.start_zyx[1], x]
         name = self._source.path.name
         where = f" of time step {t}, channel {c}" if self._source.nt * self._source.nc > 1 else ""
         return NotFiniteError(

@@ -1,149 +1,302 @@
-"""The pyramid as a stream: planes of level 0 go in from below, brick layers of all levels come out.
+"""The pyramid as a stream: rows of level 0 go in, encoded bricks of all levels come out, in order.
 
-Each level holds one layer of bricks and a plane on either side, so memory is bounded by a slab of
-the volume (4/3 of it over all levels), never by the volume.
+Each level holds a layer of bricks and a plane on either side, so memory is bounded by a slab of
+the volume (4/3 of it over all levels), never by the volume; where a slab is too much, windows lie
+in scratch files, and memory is bounded by a row of bricks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.codec import reduce
-from octobrick.store.box import Zyx
+from octobrick.codec import metrics
+from octobrick.store.box import Zyx, ceil_div, grid_of
+from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder, EncodedBrick
+from octobrick.store.brick_work import BrickResult, BrickWork
+from octobrick.store.gradient_pyramid import GradientPyramid, gradient_array
+from octobrick.store.in_order import in_order
+from octobrick.store.reducers import REDUCERS
+from octobrick.store.window import Window
 
 Voxels = NDArray[np.generic]
-Reducer = Callable[[Voxels], Voxels]
+MakeWindow = Callable[[str, int, tuple[int, ...], np.dtype[np.generic]], Window]
 
-REDUCERS: dict[str, Reducer] = {
-    "mean": reduce.mean2,
-    "max": reduce.max2,
-    "min": reduce.min2,
-    "mode": reduce.mode2,
-    "nearest": reduce.nearest2,
-}
+
+class Address(NamedTuple):
+    """A brick of a volume: of which array ("0", "gradient/1", …), time step and channel."""
+
+    array: str
+    t: int
+    c: int
+    zyx: Zyx
+
+
+class Sink(Protocol):
+    """Where bricks go, in order: arrays' layers as they are completed, z slowest, x fastest."""
+
+    def wants(self, address: Address) -> bool:
+        """Whether this brick is to be encoded."""
+
+    def take(self, address: Address, encoded: EncodedBrick) -> None:
+        """Store, or compare, a brick that was wanted."""
+
+    def count(self, t: int, c: int, histogram: metrics.Histogram) -> None:
+        """Add up the values of a brick of level 0."""
+
+    def end_layer(self, array: str, t: int, c: int, index: int) -> None:
+        """All bricks of a layer have been given."""
 
 
 @dataclass(frozen=True, slots=True)
-class Layer:
-    """All voxels of one layer of bricks, with a plane of halo where the volume goes on.
+class PyramidPlan:
+    """What is made of each channel of each time step.
 
-    ``planes[i]`` is the plane ``first_z + i`` of the level. The array is reused for the next
-    layer: what is to outlive the call that got it must be copied.
+    Attributes:
+        shapes_zyx: of all levels.
+        dtype: sample type.
+        encoders: of each level's bricks.
+        reducer: one of `REDUCERS`.
+        spacing_zyx: world size of a voxel of level 0.
+        directions: encodes gradients; None where there are none.
+        source_nplanes: so many planes of level 0 are put at once, at most.
+        make_window: of an array, with room for so many planes of a shape and type.
+        nahead: bricks that may be under way at once.
     """
 
-    level: int
-    index: int
-    first_z: int
-    planes: Voxels
+    shapes_zyx: tuple[Zyx, ...]
+    dtype: np.dtype[np.generic]
+    encoders: Sequence[BrickEncoder]
+    reducer: str
+    spacing_zyx: tuple[float, float, float]
+    directions: DirectionEncoder | None
+    source_nplanes: int
+    make_window: MakeWindow
+    nahead: int
+
+    @property
+    def brick(self) -> int:
+        """Voxels per brick and axis."""
+        return self.encoders[0].brick
+
+    @property
+    def nlocal_gradients(self) -> int:
+        """How many levels of gradients can be made from a brick of level 0 alone."""
+        if self.directions is None:
+            return 0
+        halvings = (self.brick & -self.brick).bit_length() - 1
+        return min(halvings, len(self.shapes_zyx) - 1)
+
+    def work(self, level: int) -> BrickWork:
+        """What is to be done with the bricks of a level."""
+        is_coarsest = level + 1 == len(self.shapes_zyx)
+        return BrickWork(
+            shape_zyx=self.shapes_zyx[level],
+            encoder=self.encoders[level],
+            reducer=None if is_coarsest else REDUCERS[self.reducer],
+            has_histogram=level == 0,
+            spacing_zyx=self.spacing_zyx,
+            ngradients=self.nlocal_gradients if level == 0 else 0,
+        )
+
+    def window(self, level: int) -> Window:
+        """The window of a level."""
+        nz, ny, nx = self.shapes_zyx[level]
+        # Put before a layer is complete, which takes one plane more than its bricks and the one
+        # before them, can be whatever comes at once.
+        nput = self.source_nplanes if level == 0 else self.brick // 2
+        nplanes = min(nz, self.brick + 1 + nput)
+        return self.make_window(str(level), nplanes, (ny, nx), self.dtype)
 
 
 class Held(NamedTuple):
-    """The state of one level: its next layer, and the planes held from ``first_z`` on."""
+    """The state of one level: its next layer, and the window whose complete planes it holds."""
 
     layer: int
-    first_z: int
-    planes: Voxels
+    window: Window
 
 
-class LevelStream:
-    """Gathers the planes of one level into layers, hands them out and feeds the next level.
+class Pyramid:
+    """All levels of one channel of one time step.
 
     Args:
-        level: which level this is; 0 is the original.
-        shapes_zyx: the shapes of all levels.
-        dtype: sample type.
-        brick: voxels per brick and axis; even, so that layers reduce without looking further.
-        reducer: makes the voxels of the next level.
-        emit: called with each layer, in order, the finer levels' layers first.
+        plan: what is made.
+        t: the time step.
+        c: the channel.
+        executor: works on bricks.
+        sink: where they go. Neither the number of workers nor their timing changes the order.
     """
+
+    def __init__(self, plan: PyramidPlan, t: int, c: int, executor: Executor, sink: Sink) -> None:
+        self.gradients = (
+            None
+            if plan.directions is None
+            else GradientPyramid(
+                plan.shapes_zyx,
+                plan.nlocal_gradients,
+                plan.directions,
+                plan.make_window,
+                partial(_encode_directions, plan, t, c, executor, sink),
+            )
+        )
+        level: _Level | None = None
+        for index in reversed(range(len(plan.shapes_zyx))):
+            level = _Level(plan, index, t, c, executor, sink, level, self.gradients)
+        assert level is not None
+        self._finest = level
+
+    def put(self, z: int, y: int, rows: Voxels) -> None:
+        """Take rows of level 0, in any order within what the plan says is put at once."""
+        self._finest.window.put(z, y, rows)
+
+    def complete_to(self, z: int) -> None:
+        """All rows before plane ``z`` have been put: do what can be done with them."""
+        self._finest.complete_to(z)
+
+    @property
+    def nlayers_done(self) -> int:
+        """How many layers of bricks of level 0 are done."""
+        return self._finest.layer
+
+    def held(self) -> list[Held]:
+        """What each level has not done yet, or still needs."""
+        return [Held(level.layer, level.window) for level in self._levels()]
+
+    def restore(self, layers: Sequence[int]) -> None:
+        """Go on at these layers of each level, whose windows have been filled."""
+        for level, layer in zip(self._levels(), layers, strict=True):
+            level.layer = layer
+
+    def _levels(self) -> Iterator[_Level]:
+        level: _Level | None = self._finest
+        while level is not None:
+            yield level
+            level = level.coarser
+
+
+class _Level:
+    """Gathers the rows of one level into layers, works on their bricks and feeds the next."""
 
     def __init__(
         self,
-        level: int,
-        shapes_zyx: tuple[Zyx, ...],
-        dtype: np.dtype[np.generic],
-        brick: int,
-        reducer: Reducer,
-        emit: Callable[[Layer], None],
+        plan: PyramidPlan,
+        index: int,
+        t: int,
+        c: int,
+        executor: Executor,
+        sink: Sink,
+        coarser: _Level | None,
+        gradients: GradientPyramid | None,
     ) -> None:
-        self._level = level
-        self._nz, ny, nx = shapes_zyx[level]
-        self._brick = brick
-        self._reducer = reducer
-        self._emit = emit
-        self._coarser = (
-            LevelStream(level + 1, shapes_zyx, dtype, brick, reducer, emit)
-            if level + 1 < len(shapes_zyx)
-            else None
-        )
-        self._window = np.empty((min(brick + 2, self._nz), ny, nx), dtype)
-        self._first_z = 0  # the level's z of window[0]
-        self._nheld = 0  # planes in the window
-        self._layer = 0
+        self.coarser = coarser
+        self.window = plan.window(index)
+        self.layer = 0
+        self._plan, self._index, self._t, self._c = plan, index, t, c
+        self._executor, self._sink = executor, sink
+        self._gradients = gradients if index == 0 else None
+        self._work = plan.work(index)
+        self._shape_zyx = plan.shapes_zyx[index]
 
-    def push(self, planes: Voxels) -> None:
-        """Take the next planes; emits every layer that they complete."""
-        while len(planes):
-            ntaken = min(len(planes), len(self._window) - self._nheld)
-            self._window[self._nheld : self._nheld + ntaken] = planes[:ntaken]
-            self._nheld += ntaken
-            planes = planes[ntaken:]
-            self._emit_if_complete()
-
-    @property
-    def nlayers_emitted(self) -> int:
-        """How many layers of this level are done."""
-        return self._layer
-
-    def held(self) -> list[Held]:
-        """What this level and the coarser ones have not handed out yet, or still need."""
-        mine = Held(self._layer, self._first_z, self._window[: self._nheld])
-        return [mine, *(self._coarser.held() if self._coarser else ())]
-
-    def restore(self, held: list[Held]) -> None:
-        """Go on where another stream was when `held` gave this."""
-        self._layer, self._first_z, self._nheld = (
-            held[0].layer,
-            held[0].first_z,
-            len(held[0].planes),
-        )
-        self._window[: self._nheld] = held[0].planes
-        if self._coarser is not None:
-            self._coarser.restore(held[1:])
-
-    def _emit_if_complete(self) -> None:
-        while self._layer * self._brick < self._nz:
-            start_z = self._layer * self._brick
-            stop_z = min(start_z + self._brick, self._nz)
-            halo_stop_z = min(stop_z + 1, self._nz)
-            if self._first_z + self._nheld < halo_stop_z:
+    def complete_to(self, z: int) -> None:
+        """Work on every layer that planes before ``z`` make complete."""
+        self.window.complete_to(z)
+        nz, brick = self._shape_zyx[0], self._plan.brick
+        while self.layer * brick < nz:
+            stop_z = min((self.layer + 1) * brick, nz)
+            if z < min(stop_z + 1, nz):
                 return
-            self._emit(Layer(self._level, self._layer, self._first_z, self._window[: self._nheld]))
-            if self._coarser is not None:
-                core = self._window[start_z - self._first_z : stop_z - self._first_z]
-                self._coarser.push(self._reducer(core))
-            self._layer += 1
-            self._keep_from(stop_z - 1)
+            self._work_on_layer()
+            self._sink.end_layer(str(self._index), self._t, self._c, self.layer)
+            self.layer += 1
+            self.window.drop_to(stop_z - 1)
+            if self.coarser is not None:
+                self.coarser.complete_to(ceil_div(stop_z, 2))
+            if self._gradients is not None:
+                self._gradients.complete_to(stop_z)
 
-    def _keep_from(self, z: int) -> None:
-        ndropped = z - self._first_z
-        nkept = self._nheld - ndropped
-        self._window[:nkept] = self._window[ndropped : self._nheld].copy()
-        self._first_z, self._nheld = z, nkept
+    def _work_on_layer(self) -> None:
+        _, ny, nx = grid_of(self._shape_zyx, (self._plan.brick,) * 3)
+        results = in_order(self._executor, self._calls(ny, nx), self._plan.nahead)
+        for y in range(ny):
+            row = [next(results) for _ in range(nx)]
+            for x, result in enumerate(row):
+                self._give((self.layer, y, x), result)
+            self._feed(y, row)
+
+    def _calls(self, ny: int, nx: int) -> Iterator[Callable[[], BrickResult]]:
+        for y in range(ny):
+            (start_z, start_y, _), (stop_z, stop_y, _) = self._row_box(y, nx)
+            rows = self.window.rows(start_z, stop_z, start_y, stop_y)
+            for x in range(nx):
+                brick_zyx = (self.layer, y, x)
+                around = self._work.around(brick_zyx)
+                voxels = rows[:, :, around.start_zyx[2] : around.stop_zyx[2]]
+                is_wanted = self._sink.wants(self._address(brick_zyx))
+                yield partial(self._work.run, brick_zyx, voxels, is_wanted=is_wanted)
+
+    def _row_box(self, y: int, nx: int) -> tuple[Zyx, Zyx]:
+        first, last = (self._work.around((self.layer, y, x)) for x in (0, nx - 1))
+        return first.start_zyx, last.stop_zyx
+
+    def _give(self, brick_zyx: Zyx, result: BrickResult) -> None:
+        if result.encoded is not None:
+            self._sink.take(self._address(brick_zyx), result.encoded)
+        if result.histogram is not None:
+            self._sink.count(self._t, self._c, result.histogram)
+
+    def _feed(self, y: int, row: list[BrickResult]) -> None:
+        """Hand a row of bricks, at half resolution, to the coarser level."""
+        half = self._plan.brick // 2
+        coarser = [r.coarser for r in row if r.coarser is not None]
+        if self.coarser is not None:
+            self.coarser.window.put(self.layer * half, y * half, np.concatenate(coarser, axis=2))
+        if self._gradients is not None:
+            self._gradients.put(self.layer, y, row)
+
+    def _address(self, brick_zyx: Zyx) -> Address:
+        return Address(str(self._index), self._t, self._c, brick_zyx)
 
 
-def level_shapes(shape_zyx: Zyx, brick: int, nlevels: int | None = None) -> tuple[Zyx, ...]:
-    """The shapes of a pyramid: each level half as fine per axis, rounded up.
+def _encode_directions(
+    plan: PyramidPlan,
+    t: int,
+    c: int,
+    executor: Executor,
+    sink: Sink,
+    level: int,
+    layer: int,
+    window: Window,
+) -> None:
+    """Encode a layer of bricks of gradients, all of whose planes are in their window."""
+    assert plan.directions is not None
+    array, brick = gradient_array(level), plan.brick
+    nz, ny, nx = plan.shapes_zyx[level]
+    _, rows, columns = grid_of(plan.shapes_zyx[level], (brick,) * 3)
+    encode = plan.directions.encode
 
-    Without ``nlevels`` the last level is the first that fits into one brick.
-    """
-    shapes = [shape_zyx]
-    while (max(shapes[-1]) > brick) if nlevels is None else (len(shapes) < nlevels):
-        z, y, x = shapes[-1]
-        shapes.append(((z + 1) // 2, (y + 1) // 2, (x + 1) // 2))
-    return tuple(shapes)
+    def calls() -> Iterator[Callable[[], EncodedBrick | None]]:
+        for y in range(rows):
+            stop_z, stop_y = min((layer + 1) * brick, nz), min((y + 1) * brick, ny)
+            codes = window.rows(layer * brick, stop_z, y * brick, stop_y)
+            for x in range(columns):
+                own = codes[:, :, x * brick : min((x + 1) * brick, nx)]
+                is_wanted = sink.wants(Address(array, t, c, (layer, y, x)))
+                yield partial(encode, own) if is_wanted else _nothing
+
+    results = in_order(executor, calls(), plan.nahead)
+    for y in range(rows):
+        for x in range(columns):
+            encoded = next(results)
+            if encoded is not None:
+                sink.take(Address(array, t, c, (layer, y, x)), encoded)
+    sink.end_layer(array, t, c, layer)
+
+
+def _nothing() -> None:
+    return None

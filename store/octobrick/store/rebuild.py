@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -11,19 +10,17 @@ from typing import Any
 import numpy as np
 
 from octobrick.codec.errors import OctobrickError
-from octobrick.store.box import Box, Zyx, cell_box, grid_of
-from octobrick.store.brick_encoder import BrickEncoder, EncodedBrick
+from octobrick.store.box import Box
+from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder
 from octobrick.store.errors import SourceMismatchError, VolumeFormatError
 from octobrick.store.piece_reader import PieceReader
 from octobrick.store.progress import ProgressMeter
-from octobrick.store.pyramid import REDUCERS, Layer, LevelStream
+from octobrick.store.pyramid import Pyramid, PyramidPlan, Sink
 from octobrick.store.sources import Source
 from octobrick.store.sources.converted import converted
 from octobrick.store.sources.region import RegionSource
 from octobrick.store.volume import Volume
-
-Address = tuple[int, int, int, Zyx]
-"""Level, time step, channel, brick (z, y, x)."""
+from octobrick.store.window import memory_window
 
 
 def source_of(volume: Volume, source: Source) -> Source:
@@ -71,64 +68,49 @@ class Rebuild:
     Args:
         volume: whose options are used.
         source: what `source_of` gave.
-        wanted: whether a brick is to be encoded.
-        take: called with each, in order.
+        sink: says which bricks it wants, and takes them.
         replace_nonfinite: as it was when the volume was made.
+        nworkers: threads that encode.
     """
 
     def __init__(
         self,
         volume: Volume,
         source: Source,
-        wanted: Callable[[Address], bool],
-        take: Callable[[Address, EncodedBrick], None],
+        sink: Sink,
         replace_nonfinite: float | None,
+        nworkers: int,
     ) -> None:
-        self._volume = volume
         self._source = source
-        self._wanted = wanted
-        self._take = take
-        self._reader = PieceReader(source, replace_nonfinite)
-        self._encoder = BrickEncoder(
-            volume.codec, volume.brick_shape_zyx[0], zstd_level_of(volume.path)
+        self._sink = sink
+        self._nworkers = nworkers
+        brick, zstd_level = volume.brick_shape_zyx[0], zstd_level_of(volume.path)
+        self._reader = PieceReader(source, replace_nonfinite, brick)
+        shapes = tuple(level.shape_zyx for level in volume.levels)
+        self._plan = PyramidPlan(
+            shapes_zyx=shapes,
+            dtype=volume.dtype,
+            encoders=[BrickEncoder(volume.codec, brick, zstd_level)] * len(shapes),
+            reducer=volume.metadata()["reducer"],
+            spacing_zyx=source.spacing_zyx,
+            directions=DirectionEncoder(brick, zstd_level) if volume.gradients else None,
+            source_nplanes=self._reader.nplanes,
+            make_window=memory_window,
+            nahead=4 * nworkers,
         )
 
-    def run(self, executor: ThreadPoolExecutor, meter: ProgressMeter) -> None:
+    def run(self, meter: ProgressMeter) -> None:
         """Go through all time steps and channels."""
-        for t in range(self._source.nt):
-            streams = [self._stream(t, c, executor) for c in range(self._source.nc)]
-            for planes in self._reader.pieces(t, 0):
-                for stream, own in zip(streams, planes, strict=True):
-                    stream.push(own)
-                meter.advance(planes.size, "verify")
-
-    def _stream(self, t: int, c: int, executor: ThreadPoolExecutor) -> LevelStream:
-        volume = self._volume
-        shapes = tuple(level.shape_zyx for level in volume.levels)
-
-        def emit(layer: Layer) -> None:
-            _, ny, nx = grid_of(shapes[layer.level], volume.brick_shape_zyx)
-            bricks = [
-                (layer.index, y, x)
-                for y in range(ny)
-                for x in range(nx)
-                if self._wanted((layer.level, t, c, (layer.index, y, x)))
-            ]
-
-            def encode(brick_zyx: Zyx) -> EncodedBrick:
-                return self._encode(layer, shapes[layer.level], brick_zyx)
-
-            for brick_zyx, encoded in zip(bricks, executor.map(encode, bricks), strict=True):
-                self._take((layer.level, t, c, brick_zyx), encoded)
-
-        reducer = REDUCERS[volume.metadata()["reducer"]]
-        return LevelStream(0, shapes, volume.dtype, volume.brick_shape_zyx[0], reducer, emit)
-
-    def _encode(self, layer: Layer, shape_zyx: Zyx, brick_zyx: Zyx) -> EncodedBrick:
-        nz, (_, ny, nx) = len(layer.planes), shape_zyx
-        window_box = Box((layer.first_z, 0, 0), (layer.first_z + nz, ny, nx))
-        brick_box = cell_box(brick_zyx, self._volume.brick_shape_zyx)
-        return self._encoder.encode(layer.planes, window_box, brick_box, Box.of_shape(shape_zyx))
+        with ThreadPoolExecutor(self._nworkers, thread_name_prefix="octobrick-encode") as executor:
+            for t in range(self._source.nt):
+                pyramids = [
+                    Pyramid(self._plan, t, c, executor, self._sink) for c in range(self._source.nc)
+                ]
+                for piece in self._reader.pieces(t, 0):
+                    for pyramid, own in zip(pyramids, piece.voxels, strict=True):
+                        pyramid.put(piece.z, piece.y, own)
+                        pyramid.complete_to(piece.stop_z)
+                    meter.advance(piece.voxels.size, "verify")
 
 
 def zstd_level_of(path: Path) -> int:

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import os
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from octobrick.codec import metrics
 from octobrick.store.brick_encoder import EncodedBrick
 from octobrick.store.durable import sync
 from octobrick.store.errors import SourceMismatchError
 from octobrick.store.progress import ProgressCallback, ProgressMeter
-from octobrick.store.rebuild import Address, Rebuild, source_of
+from octobrick.store.pyramid import Address
+from octobrick.store.rebuild import Rebuild, source_of
 from octobrick.store.shard import ShardWriter, slot_of
 from octobrick.store.sources import Source
 from octobrick.store.verify import Problem, verify
 from octobrick.store.volume import Volume, open_volume
+from octobrick.store.volume_writer import shard_key_of
 
 _FOLDER = ".repair"  # inside the volume: on the same file system, so that a rename is enough
 
@@ -82,6 +84,8 @@ def repair(
 
 
 class _Repair:
+    """Takes the bricks of damaged shards; a `Sink`."""
+
     def __init__(
         self, volume: Volume, source: Source, damaged: set[str], replace_nonfinite: float | None
     ) -> None:
@@ -97,25 +101,20 @@ class _Repair:
         source = self._source
         nz, ny, nx = source.shape_zyx
         meter = ProgressMeter(source.nt * source.nc * nz * ny * nx, progress)
-        rebuild = Rebuild(
-            self._volume, source, self._is_wanted, self._take, self._replace_nonfinite
-        )
         shutil.rmtree(self._folder, ignore_errors=True)
         try:
-            with ThreadPoolExecutor(nworkers, thread_name_prefix="octobrick-encode") as executor:
-                rebuild.run(executor, meter)
+            Rebuild(self._volume, source, self, self._replace_nonfinite, nworkers).run(meter)
             self._put_in_place()
         finally:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _path_of(self, address: Address) -> str:
-        level, t, c, brick_zyx = address
-        return f"{level}/{self._volume.shard_key(brick_zyx, t, c)}"
+        return f"{address.array}/{shard_key_of(address, self._shard_zyx)}"
 
-    def _is_wanted(self, address: Address) -> bool:
+    def wants(self, address: Address) -> bool:
         return self._path_of(address) in self._damaged
 
-    def _take(self, address: Address, encoded: EncodedBrick) -> None:
+    def take(self, address: Address, encoded: EncodedBrick) -> None:
         if encoded.frame is None:
             return
         path = self._path_of(address)
@@ -123,7 +122,13 @@ class _Repair:
         if writer is None:
             nslots = int(np.prod(self._shard_zyx))
             writer = self._writers[path] = ShardWriter(self._folder / path, nslots)
-        writer.append(slot_of(address[3], self._shard_zyx), encoded.frame)
+        writer.append(slot_of(address.zyx, self._shard_zyx), encoded.frame)
+
+    def count(self, t: int, c: int, histogram: metrics.Histogram) -> None:
+        pass  # what is in the metadata is not mended
+
+    def end_layer(self, array: str, t: int, c: int, index: int) -> None:
+        pass  # shards are finished together, or none of them
 
     def _put_in_place(self) -> None:
         """Rename all shards, or, if one is not as it was, none."""

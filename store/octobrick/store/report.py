@@ -15,7 +15,7 @@ class LevelReport:
 
     ``ratio`` is uncompressed bytes over bytes on disk. ``psnr_db`` (peak: the level's largest
     minus its smallest voxel) and ``max_error`` compare decoded voxels with that level's; None and
-    0 where nothing was lost.
+    0 where nothing was lost. ``gradient_nbytes`` are those of gradients on disk; None without any.
     """
 
     index: int
@@ -25,6 +25,7 @@ class LevelReport:
     ratio: float | None
     psnr_db: float | None
     max_error: Number
+    gradient_nbytes: int | None
 
 
 @dataclass(frozen=True, slots=True)

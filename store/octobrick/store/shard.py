@@ -204,11 +204,17 @@ class ShardCache:
         shard_bricks_zyx: bricks per shard along each axis.
         shard_nbytes: the size of every shard that was written, by its key. A shard that is not
             listed holds absent bricks only; one that is listed must be there, whole.
+        key_suffix: of the keys, where the array has more axes than z, y, x.
     """
 
     def __init__(
-        self, folder: Path, shard_bricks_zyx: Zyx, shard_nbytes: Mapping[str, int]
+        self,
+        folder: Path,
+        shard_bricks_zyx: Zyx,
+        shard_nbytes: Mapping[str, int],
+        key_suffix: str = "",
     ) -> None:
+        self._key_suffix = key_suffix
         self._folder = folder
         self._shard_bricks_zyx = shard_bricks_zyx
         self._shard_nbytes = shard_nbytes
@@ -217,17 +223,20 @@ class ShardCache:
 
     def read(self, brick_zyx: Zyx, t: int, c: int) -> bytes | None:
         """The stored frame of a brick, or None where it is absent."""
-        reader = self._reader(shard_key(brick_zyx, self._shard_bricks_zyx, t, c))
+        reader = self._reader(self._key(brick_zyx, t, c))
         return None if reader is None else reader.read(slot_of(brick_zyx, self._shard_bricks_zyx))
 
     def path_of(self, brick_zyx: Zyx, t: int, c: int) -> Path:
         """The file that holds, or would hold, a brick."""
-        return self._folder / shard_key(brick_zyx, self._shard_bricks_zyx, t, c)
+        return self._folder / self._key(brick_zyx, t, c)
 
     def close(self) -> None:
         """Let go of all files."""
         with self._lock:
             self._open.clear()
+
+    def _key(self, brick_zyx: Zyx, t: int, c: int) -> str:
+        return shard_key(brick_zyx, self._shard_bricks_zyx, t, c) + self._key_suffix
 
     def _reader(self, key: str) -> ShardReader | None:
         with self._lock:

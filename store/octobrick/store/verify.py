@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from octobrick.codec.errors import CorruptDataError
 from octobrick.store.box import Box, Zyx, cell_box
+from octobrick.store.gradient_pyramid import gradient_array
 from octobrick.store.progress import ProgressCallback, ProgressMeter
 from octobrick.store.shard import DIGEST_NBYTES
 from octobrick.store.volume import Volume, open_volume
@@ -33,8 +34,9 @@ class Problem:
     """One thing that is not as it was written.
 
     ``kind`` is ``"shard"`` (missing, or of other size or content), ``"brick"``, ``"range"``,
-    ``"fidelity"``, ``"voxels"`` (not those of the source) or ``"stray"`` (a file of nobody). The
-    path is below the volume; the brick is (t, c, z, y, x), where it is about one.
+    ``"fidelity"``, ``"voxels"``, ``"gradients"`` or ``"histogram"`` (not those of the source), or
+    ``"stray"`` (a file of nobody). The path is below the volume; the brick is (t, c, z, y, x),
+    where it is about one.
     """
 
     kind: str
@@ -102,6 +104,11 @@ def verify(
                 for found in executor.map(checker.brick, bricks):
                     problems += found
                 nbricks += len(bricks)
+                if checker.has_gradients:
+                    problems += checker.shard(f"{key}/0", is_gradient=True)
+                    for found in executor.map(checker.gradients, bricks):
+                        problems += found
+                    nbricks += len(bricks)
                 meter.advance(sum(checker.box(b).nvoxels for b in bricks), "verify")
         return VerifyReport(
             path=str(volume.path),
@@ -132,9 +139,14 @@ class _Checker:
         except CorruptDataError as error:
             self.problems.append(Problem("fidelity", f"fidelity/{level}", error.message, level))
 
-    def shard(self, key: str) -> list[Problem]:
+    @property
+    def has_gradients(self) -> bool:
+        """Whether gradients of this level are stored."""
+        return self._volume.gradients is not None and self._level in self._volume.gradients.levels
+
+    def shard(self, key: str, *, is_gradient: bool = False) -> list[Problem]:
         """Compare a shard with the manifest."""
-        path = f"{self._level}/{key}"
+        path = f"{gradient_array(self._level) if is_gradient else self._level}/{key}"
         entry = self._volume.shard_entries.get(path)
         if entry is None:
             return []  # all of its bricks are absent
@@ -161,6 +173,18 @@ class _Checker:
         )
         return [Problem("range", path, message, self._level, at)]
 
+    def gradients(self, brick_zyx: Zyx) -> list[Problem]:
+        """Read a brick of gradients; any bytes are a direction, so there is no more to check."""
+        assert self._volume.gradients is not None
+        try:
+            self._volume.gradients.code(self._level, brick_zyx, self._t, self._c)
+        except CorruptDataError as error:
+            at = (self._t, self._c, *brick_zyx)
+            key = self._volume.shard_key(brick_zyx, self._t, self._c)
+            path = f"{gradient_array(self._level)}/{key}/0"
+            return [Problem("brick", path, error.message, self._level, at)]
+        return []
+
     def box(self, brick_zyx: Zyx) -> Box:
         """The voxels of a brick that the level has."""
         return cell_box(brick_zyx, self._volume.brick_shape_zyx).intersect(self._level_box)
@@ -185,8 +209,11 @@ def _difference(path: Path, nbytes: int, digest: str) -> str | None:
 
 def _strays(volume: Volume) -> Iterator[Problem]:
     """Files among the shards that the manifest does not know."""
-    for index in range(len(volume.levels)):
-        for path in sorted((volume.path / str(index) / "c").rglob("*")):
+    arrays = [(str(level.index), level.index) for level in volume.levels]
+    if volume.gradients is not None:
+        arrays += [(gradient_array(level), level) for level in volume.gradients.levels]
+    for array, level in arrays:
+        for path in sorted((volume.path / array / "c").rglob("*")):
             name = str(path.relative_to(volume.path))
             if path.is_file() and name not in volume.shard_entries:
-                yield Problem("stray", name, "the manifest does not list this file", index)
+                yield Problem("stray", name, "the manifest does not list this file", level)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from octobrick.codec import metrics
 from octobrick.codec.errors import CorruptDataError
 from octobrick.store.brick_encoder import EncodedBrick
-from octobrick.store.level_writer import round_up
 from octobrick.store.progress import ProgressCallback, ProgressMeter
-from octobrick.store.rebuild import Address, Rebuild, source_of
+from octobrick.store.pyramid import Address
+from octobrick.store.rebuild import Rebuild, source_of
 from octobrick.store.sources import Source
 from octobrick.store.verify import Problem, VerifyReport, verify
 from octobrick.store.volume import Volume, open_volume
+from octobrick.store.volume_writer import round_up, shard_key_of
 
 
 def verify_against(
@@ -42,19 +43,16 @@ def verify_against(
         VolumeNotFoundError, VolumeFormatError: as `verify`.
     """
     report = verify(path, workers=workers)
-    known = {(p.level, p.brick) for p in report.problems if p.brick}
-    with (
-        open_volume(path) as volume,
-        ThreadPoolExecutor(workers or len(os.sched_getaffinity(0))) as executor,
-    ):
+    known = {(p.path, p.brick) for p in report.problems if p.brick}
+    with open_volume(path) as volume:
         prepared = source_of(volume, source)
         nz, ny, nx = prepared.shape_zyx
         meter = ProgressMeter(prepared.nt * prepared.nc * nz * ny * nx, progress)
         comparison = _Comparison(volume)
-        Rebuild(volume, prepared, lambda _: True, comparison.take, replace_nonfinite).run(
-            executor, meter
-        )
-    found = [p for p in comparison.problems if (p.level, p.brick) not in known]
+        nworkers = workers or len(os.sched_getaffinity(0))
+        Rebuild(volume, prepared, comparison, replace_nonfinite, nworkers).run(meter)
+        comparison.end()
+    found = [p for p in comparison.problems if (p.path, p.brick) not in known]
     return dataclasses.replace(
         report,
         against_source=True,
@@ -64,28 +62,59 @@ def verify_against(
 
 
 class _Comparison:
-    """Bricks as they are stored against bricks as the source gives them."""
+    """Bricks as they are stored against bricks as the source gives them; a `Sink`."""
 
     def __init__(self, volume: Volume) -> None:
         self._volume = volume
         self._tables: dict[tuple[str, int, int, int], np.ndarray | None] = {}
+        self._histograms = [metrics.Histogram() for _ in range(volume.nc)]
         self.problems: list[Problem] = []
 
+    def wants(self, _: Address) -> bool:
+        return True
+
     def take(self, address: Address, encoded: EncodedBrick) -> None:
-        level, t, c, brick_zyx = address
+        volume, (array, t, c, brick_zyx) = self._volume, address
+        level, is_gradient = int(array.rpartition("/")[2]), not array.isdecimal()
+        code, decompressed = volume.brick_code, volume.decompressed
+        if is_gradient and volume.gradients is not None:
+            code, decompressed = volume.gradients.code, volume.gradients.decompressed
         try:
-            stored = self._volume.brick_code(level, brick_zyx, t, c)
+            stored = code(level, brick_zyx, t, c)
         except CorruptDataError:
             return  # verify has said so
-        made = None if encoded.frame is None else self._volume.decompressed(encoded.frame)
+        made = None if encoded.frame is None else decompressed(encoded.frame)
         if stored != made:
-            self._add("voxels", address, "does not hold the voxels of the source")
+            what = "gradients" if is_gradient else "voxels"
+            self._add(what, address, level, f"does not hold the {what} of the source")
+        if not is_gradient:
+            self._compare_tables(address, level, encoded)
+
+    def count(self, t: int, c: int, histogram: metrics.Histogram) -> None:  # noqa: ARG002
+        self._histograms[c] += histogram
+
+    def end_layer(self, array: str, t: int, c: int, index: int) -> None:
+        pass
+
+    def end(self) -> None:
+        """Compare what is known of all bricks together."""
+        for c, (found, stored) in enumerate(
+            zip(self._histograms, self._volume.histograms, strict=True)
+        ):
+            same = (found.exponent, found.first) == (stored.exponent, stored.first)
+            if not (same and np.array_equal(found.counts, stored.counts)):
+                message = f"the histogram of channel {c} is not that of the source's voxels"
+                self.problems.append(Problem("histogram", "zarr.json", message))
+
+    def _compare_tables(self, address: Address, level: int, encoded: EncodedBrick) -> None:
+        _, t, c, brick_zyx = address
         ranges = self._table("ranges", level, t, c)
         if ranges is not None and tuple(ranges[brick_zyx]) != (encoded.low, encoded.high):
             low, high = ranges[brick_zyx]
             self._add(
                 "range",
                 address,
+                level,
                 f"has a range of {low} to {high}, the source gives {encoded.low} to {encoded.high}",
             )
         fidelity = self._table("fidelity", level, t, c)
@@ -95,6 +124,7 @@ class _Comparison:
             self._add(
                 "fidelity",
                 address,
+                level,
                 f"is said to be off by {worst} at most and {rmse} RMS, measured against the source "
                 f"it is {errors[0]} and {errors[1]}",
             )
@@ -108,9 +138,8 @@ class _Comparison:
                 self._tables[key] = None
         return self._tables[key]
 
-    def _add(self, kind: str, address: Address, what: str) -> None:
-        level, t, c, brick_zyx = address
-        at = (t, c, *brick_zyx)
-        path = f"{level}/{self._volume.shard_key(brick_zyx, t, c)}"
+    def _add(self, kind: str, address: Address, level: int, what: str) -> None:
+        at = (address.t, address.c, *address.zyx)
+        path = f"{address.array}/{shard_key_of(address, self._volume.shard_shape_zyx)}"
         message = f"brick (t, c, z, y, x) = {at} of level {level} {what}"
         self.problems.append(Problem(kind, path, message, level, at))

@@ -12,7 +12,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from octobrick.codec import S3dc
+from octobrick.codec import S3dc, metrics
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
 from octobrick.store import frame as zstd_frame
 from octobrick.store.attributes import Number, VolumeAttributes
@@ -23,6 +23,7 @@ from octobrick.store.errors import (
 from octobrick.store.layout import MANIFEST_NAME
 from octobrick.store.level import Level, Xyz
 from octobrick.store.shard import ShardCache, shard_key
+from octobrick.store.stored_gradients import StoredGradients
 from octobrick.store.volume_files import read_json, shard_entries
 
 Voxels = NDArray[np.generic]
@@ -50,6 +51,7 @@ class Volume:
         name: the folder's name without ``.zarr``.
         revision: digest of the content; a brick's bytes never change under one revision.
         levels: the pyramid, finest first.
+        gradients: of the coarser levels; None where none are stored.
         shard_entries: size and digest of every stored shard, by its path below the volume.
     """
 
@@ -57,6 +59,7 @@ class Volume:
     name: str
     revision: str
     levels: tuple[Level, ...]
+    gradients: StoredGradients | None
     shard_entries: Mapping[str, tuple[int, str]]
 
     def __init__(self, path: Path) -> None:
@@ -78,6 +81,7 @@ class Volume:
         self.shard_entries = shard_entries(manifest, path)
         self.levels = tuple(self._make_level(i) for i in range(len(self._attributes.levels)))
         self._shards = [self._make_cache(i) for i in range(len(self.levels))]
+        self.gradients = self._make_gradients()
 
     def __enter__(self) -> Self:
         return self
@@ -95,6 +99,8 @@ class Volume:
         """Let go of all files."""
         for cache in self._shards:
             cache.close()
+        if self.gradients is not None:
+            self.gradients.close()
 
     # What the volume is
 
@@ -142,6 +148,11 @@ class Volume:
     def window(self) -> tuple[Number, Number]:
         """The values worth showing by default."""
         return self._attributes.window
+
+    @property
+    def histograms(self) -> tuple[metrics.Histogram, ...]:
+        """How often values occur in each channel of the original, over all time steps."""
+        return self._attributes.histograms
 
     @property
     def fill_value(self) -> int:
@@ -348,6 +359,22 @@ class Volume:
             if path.startswith(prefix)
         }
         return ShardCache(self.path / str(level), self.shard_shape_zyx, shard_nbytes)
+
+    def _make_gradients(self) -> StoredGradients | None:
+        attributes = self._attributes
+        levels = [
+            i for i, level in enumerate(attributes.levels) if level.gradient_nbytes is not None
+        ]
+        if not levels:
+            return None
+        return StoredGradients(
+            self.path,
+            self.levels,
+            tuple(levels),
+            self.brick_shape_zyx,
+            self.shard_shape_zyx,
+            {path: nbytes for path, (nbytes, _) in self.shard_entries.items()},
+        )
 
     def _require_brick(self, level: int, zyx: Zyx, t: int, c: int) -> None:
         grid_zyx = self.level(level).grid_zyx

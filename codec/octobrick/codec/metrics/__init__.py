@@ -33,11 +33,12 @@ from __future__ import annotations
 
 from octobrick.codec.metrics.angles import AngularStats, angular_error, angular_stats
 from octobrick.codec.metrics.differences import ErrorStats, compare, max_error, psnr
-from octobrick.codec.metrics.histogram import Histogram, histogram
+from octobrick.codec.metrics.histogram import BINS_MAX, Histogram, histogram
 from octobrick.codec.metrics.similarity import SsimStats, ssim, ssim_parts, ssim_stats
 from octobrick.codec.metrics.values import ValueRange, value_range
 
 __all__ = [
+    "BINS_MAX",
     "AngularStats",
     "ErrorStats",
     "Histogram",

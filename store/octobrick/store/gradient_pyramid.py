@@ -1,0 +1,118 @@
+"""The directions of gradients, level by level, as a stream beside that of the voxels.
+
+Gradients are taken from the voxels of level 0 and reduced from level to level, weighted by their
+magnitude, before each is coded: so a coarse level's directions are not those of blurred voxels
+(Díaz-García et al. 2017). As a reduction looks at 2×2×2 gradients, a brick of level 0 gives its
+part of several levels by itself; only beyond do parts of many bricks meet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octobrick.codec import gradients
+from octobrick.store.box import Zyx, ceil_div
+from octobrick.store.brick_encoder import DirectionEncoder
+from octobrick.store.brick_work import BrickResult
+from octobrick.store.window import Window
+
+Vectors = NDArray[np.float32]
+MakeWindow = Callable[[str, int, tuple[int, ...], np.dtype[np.generic]], Window]
+Emit = Callable[[int, int, Window], None]
+
+
+def gradient_array(level: int) -> str:
+    """The path of the array of a level's gradients, below the volume."""
+    return f"gradient/{level}"
+
+
+class GradientPyramid:
+    """The gradients of one channel of one time step at half resolution and coarser.
+
+    Args:
+        shapes_zyx: of the voxels' levels; gradients have levels 1 up to the last.
+        nlocal: the first of these levels that bricks of level 0 give.
+        encoder: of the bricks of directions.
+        make_window: of an array.
+        emit: called with level, layer and window when the planes of a layer are complete.
+    """
+
+    def __init__(
+        self,
+        shapes_zyx: tuple[Zyx, ...],
+        nlocal: int,
+        encoder: DirectionEncoder,
+        make_window: MakeWindow,
+        emit: Emit,
+    ) -> None:
+        self._shapes_zyx, self._brick, self._nlocal = shapes_zyx, encoder.brick, nlocal
+        self._emit = emit
+        self.levels = range(1, len(shapes_zyx))
+        self.windows: dict[int, Window] = {}
+        self.layers = dict.fromkeys(self.levels, 0)
+        for level in self.levels:
+            nz, ny, nx = shapes_zyx[level]
+            self.windows[level] = make_window(
+                gradient_array(level), min(nz, self._brick), (ny, nx, 3), np.dtype(np.uint8)
+            )
+        # Beyond the levels that bricks give: planes of gradients as they come, and of each level
+        # the one that waits for its second.
+        self._planes: Vectors | None = None
+        self.waiting: dict[int, Vectors] = {}
+
+    def put(self, layer: int, y: int, row: Sequence[BrickResult]) -> None:
+        """Take what a row of bricks of level 0 gave."""
+        for level in range(1, self._nlocal + 1):
+            size = self._brick >> level
+            codes = np.concatenate([result.directions[level - 1] for result in row], axis=2)
+            self.windows[level].put(layer * size, y * size, codes)
+        if len(self.levels) > self._nlocal:
+            self._keep(y, np.concatenate([r.gradient for r in row if r.gradient is not None], 2))
+
+    def complete_to(self, z: int) -> None:
+        """All bricks of level 0 before plane ``z`` have been put."""
+        is_last = z == self._shapes_zyx[0][0]
+        for level in range(1, self._nlocal + 1):
+            self._complete(level, ceil_div(z, 2**level))
+        if self._planes is not None:
+            planes, self._planes = self._planes, None
+            self._reduce(self._nlocal, planes, is_last=is_last)
+
+    def _keep(self, y: int, rows: Vectors) -> None:
+        """Note rows of the last level that bricks give, until their planes are complete."""
+        if self._planes is None:
+            _, ny, nx = self._shapes_zyx[self._nlocal]
+            self._planes = np.empty((len(rows), ny, nx, 3), np.float32)
+        start = y * (self._brick >> self._nlocal)
+        self._planes[:, start : start + rows.shape[1]] = rows
+
+    def _reduce(self, level: int, planes: Vectors, *, is_last: bool) -> None:
+        """Make the next level of planes of this one, by pairs; one may have to wait."""
+        if level + 1 == len(self._shapes_zyx):
+            return
+        waiting = self.waiting.pop(level, None)
+        if waiting is not None:
+            planes = np.concatenate([waiting, planes])
+        npaired = len(planes) if is_last else len(planes) & ~1
+        if npaired < len(planes):
+            self.waiting[level] = planes[npaired:].copy()
+        if not npaired:
+            return
+        coarse = gradients.reduce(planes[:npaired])
+        window = self.windows[level + 1]
+        for plane in coarse:
+            window.put(window.stop_z, 0, gradients.encode_directions(plane[np.newaxis]))
+            self._complete(level + 1, window.stop_z + 1)
+        self._reduce(level + 1, coarse, is_last=is_last)
+
+    def _complete(self, level: int, z: int) -> None:
+        window, nz = self.windows[level], self._shapes_zyx[level][0]
+        window.complete_to(z)
+        stop_z = min((self.layers[level] + 1) * self._brick, nz)
+        if z == stop_z:
+            self._emit(level, self.layers[level], window)
+            self.layers[level] += 1
+            window.drop_to(stop_z)

@@ -1,0 +1,152 @@
+"""The directions of a volume's gradients, as they are stored beside its levels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octobrick.codec.errors import CorruptBrickError, InvalidInputError
+from octobrick.store import frame as zstd_frame
+from octobrick.store.box import Box, Zyx, cell_box, cells_touching
+from octobrick.store.brick_encoder import NO_DIRECTION
+from octobrick.store.gradient_pyramid import gradient_array
+from octobrick.store.level import Level
+from octobrick.store.shard import ShardCache
+
+DirectionCodes = NDArray[np.uint8]
+
+
+class StoredGradients:
+    """The gradients of a volume, level by level. Safe to use from several threads.
+
+    Bricks lie as those of the voxels do. `octobrick.codec.gradients.decode_directions` makes unit
+    vectors of codes.
+
+    Attributes:
+        levels: which levels have gradients.
+    """
+
+    levels: tuple[int, ...]
+
+    def __init__(
+        self,
+        path: Path,
+        volume_levels: Sequence[Level],
+        levels: tuple[int, ...],
+        brick_shape_zyx: Zyx,
+        shard_shape_zyx: Zyx,
+        shard_nbytes: Mapping[str, int],
+    ) -> None:
+        self.levels = levels
+        self._path = path
+        self._volume_levels = volume_levels
+        self._brick_shape_zyx = brick_shape_zyx
+        self._shards = {
+            level: ShardCache(
+                path / gradient_array(level),
+                shard_shape_zyx,
+                _below(f"{gradient_array(level)}/", shard_nbytes),
+                key_suffix="/0",
+            )
+            for level in levels
+        }
+
+    def __repr__(self) -> str:
+        return f"<StoredGradients of levels {self.levels}>"
+
+    def close(self) -> None:
+        """Let go of all files."""
+        for cache in self._shards.values():
+            cache.close()
+
+    @property
+    def code_nbytes(self) -> int:
+        """Bytes of a brick of codes."""
+        return 3 * int(np.prod(self._brick_shape_zyx))
+
+    def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        """A brick's codes without the entropy layer; None where no voxel has a direction.
+
+        Raises:
+            InvalidInputError: no such level or brick.
+            VolumeFormatError: the shard is missing or its index is damaged.
+            CorruptBrickError: naming the file and the brick.
+        """
+        self._require(level, zyx)
+        stored = self._shards[level].read(zyx, t, c)
+        if stored is None:
+            return None
+        try:
+            return self.decompressed(stored)
+        except CorruptBrickError as error:
+            path = self._shards[level].path_of(zyx, t, c)
+            at = [t, c, *zyx]
+            raise CorruptBrickError(
+                f"{path}: gradients of brick (t, c, z, y, x) = {tuple(at)} of level {level} are "
+                f"damaged: {error.message}; restore the file or ingest the volume again",
+                **error.facts | {"path": str(path), "level": level, "brick": at},
+            ) from error
+
+    def decompressed(self, stored: bytes) -> bytes:
+        """A stored frame without the entropy layer.
+
+        Raises:
+            CorruptBrickError: the frame is damaged, or not of a brick's size.
+        """
+        return zstd_frame.decompress(stored, self.code_nbytes)
+
+    def brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> DirectionCodes:
+        """The codes of a brick, uint8 (z, y, x, 3), always of the full brick shape.
+
+        Raises:
+            InvalidInputError, VolumeFormatError, CorruptBrickError: as `code`.
+        """
+        shape, code = (*self._brick_shape_zyx, 3), self.code(level, zyx, t, c)
+        if code is None:
+            return np.full(shape, NO_DIRECTION, np.uint8)
+        return np.frombuffer(code, np.uint8).reshape(shape)
+
+    def read(self, level: int, box: Box | None = None, t: int = 0, c: int = 0) -> DirectionCodes:
+        """The codes of a box of a level, uint8 (z, y, x, 3); by default of all of it.
+
+        Raises:
+            InvalidInputError: the box is empty or leaves the level, or there is no such level.
+            VolumeFormatError, CorruptBrickError: as `code`.
+        """
+        self._require(level, (0, 0, 0))
+        shape_zyx = self._volume_levels[level].shape_zyx
+        box = box or Box.of_shape(shape_zyx)
+        box.require_within(shape_zyx, f"gradients of level {level}")
+        out = np.empty((*box.shape_zyx, 3), np.uint8)
+        z, y, x = box.start_zyx
+        for brick_zyx in cells_touching(box, self._brick_shape_zyx):
+            brick_box = cell_box(brick_zyx, self._brick_shape_zyx)
+            wanted = brick_box.intersect(box)
+            bz, by, bx = brick_box.start_zyx
+            brick = self.brick(level, brick_zyx, t, c)
+            out[wanted.shift((-z, -y, -x)).slices] = brick[wanted.shift((-bz, -by, -bx)).slices]
+        return out
+
+    def _require(self, level: int, zyx: Zyx) -> None:
+        if level not in self._shards:
+            raise InvalidInputError(
+                f"{self._path.name}: level {level} has no gradients, levels {list(self.levels)} do",
+                level=level,
+                levels=list(self.levels),
+            )
+        grid_zyx = self._volume_levels[level].grid_zyx
+        if not all(0 <= i < n for i, n in zip(zyx, grid_zyx, strict=True)):
+            raise InvalidInputError(
+                f"{self._path.name}: level {level} has no brick (z, y, x) = {zyx}; it has "
+                f"{grid_zyx}",
+                level=level,
+                brick=list(zyx),
+            )
+
+
+def _below(prefix: str, nbytes: Mapping[str, Any]) -> dict[str, int]:
+    return {path.removeprefix(prefix): n for path, n in nbytes.items() if path.startswith(prefix)}

@@ -1,0 +1,171 @@
+"""The planes of one level that something still needs: in memory, or in a scratch file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Voxels = NDArray[Any]
+
+_PIECE_NBYTES = 16 * 2**20  # of held planes, read at a time for a checkpoint
+
+
+class Window(ABC):
+    """Planes ``first_z`` up to ``stop_z`` of a level, and room for some behind them.
+
+    Positions are those of the level. Rows may be put in any order; whoever puts them says by
+    `complete_to` how far all planes are there.
+
+    Args:
+        nplanes: how many there is room for.
+        row_shape: (ny, nx), or (ny, nx, 3) for vectors.
+        dtype: sample type.
+    """
+
+    def __init__(self, nplanes: int, row_shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        self._nplanes = nplanes
+        self._row_shape = row_shape
+        self._dtype = dtype
+        self.first_z = 0
+        self.stop_z = 0
+
+    @property
+    def room_stop_z(self) -> int:
+        """Behind the last plane that can be put."""
+        return self.first_z + self._nplanes
+
+    def complete_to(self, z: int) -> None:
+        """All planes before ``z`` are there."""
+        self.stop_z = z
+
+    @abstractmethod
+    def put(self, z: int, y: int, rows: Voxels) -> None:
+        """Take whole rows (nz, ny, nx[, 3]) from (z, y) on."""
+
+    @abstractmethod
+    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Voxels:
+        """These rows; valid until something is put in their place."""
+
+    @abstractmethod
+    def drop_to(self, z: int) -> None:
+        """Forget the planes before ``z``."""
+
+    def held(self) -> Iterator[Voxels]:
+        """The planes that are complete, in pieces of a bounded size."""
+        nrows = self._row_shape[0]
+        nplanes = max(1, _PIECE_NBYTES // max(self._plane_nbytes, 1))
+        for z in range(self.first_z, self.stop_z, nplanes):
+            yield self.rows(z, min(z + nplanes, self.stop_z), 0, nrows)
+
+    @property
+    def held_shape(self) -> tuple[int, ...]:
+        """Of all that `held` gives together."""
+        return (self.stop_z - self.first_z, *self._row_shape)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Sample type."""
+        return self._dtype
+
+    def begin_at(self, first_z: int) -> None:
+        """Be empty, the next plane being ``first_z``."""
+        self.first_z = self.stop_z = first_z
+
+    @property
+    def _plane_nbytes(self) -> int:
+        return int(np.prod(self._row_shape)) * self._dtype.itemsize
+
+
+class MemoryWindow(Window):
+    """A window in memory."""
+
+    def __init__(self, nplanes: int, row_shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        super().__init__(nplanes, row_shape, dtype)
+        self._planes = np.empty((nplanes, *row_shape), dtype)
+
+    def put(self, z: int, y: int, rows: Voxels) -> None:
+        """See `Window.put`."""
+        at = z - self.first_z
+        self._planes[at : at + rows.shape[0], y : y + rows.shape[1]] = rows
+
+    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Voxels:
+        """See `Window.rows`; a view."""
+        return self._planes[start_z - self.first_z : stop_z - self.first_z, start_y:stop_y]
+
+    def drop_to(self, z: int) -> None:
+        """See `Window.drop_to`."""
+        step, nheld = z - self.first_z, self.stop_z - self.first_z
+        for at in range(step, nheld, max(step, 1)):  # as many as can move without meeting
+            moved = self._planes[at : min(at + step, nheld)]
+            self._planes[at - step : at - step + len(moved)] = moved
+        self.first_z = z
+
+
+class ScratchWindow(Window):
+    """A window in a file without a name, which vanishes with the process, however that ends.
+
+    Rows are written and read by system calls, not mapped: what the system caches of the file does
+    not count as this process's memory.
+    """
+
+    def __init__(
+        self, nplanes: int, row_shape: tuple[int, ...], dtype: np.dtype[Any], folder: Path
+    ) -> None:
+        super().__init__(nplanes, row_shape, dtype)
+        self._descriptor, name = tempfile.mkstemp(prefix=".scratch-", dir=folder)
+        Path(name).unlink()
+
+    def __del__(self) -> None:
+        # Windows go with their pyramid, whether it came to its end or not.
+        if hasattr(self, "_descriptor"):
+            os.close(self._descriptor)
+
+    def put(self, z: int, y: int, rows: Voxels) -> None:
+        """See `Window.put`."""
+        rows = np.ascontiguousarray(rows, self._dtype)
+        for i, plane in enumerate(rows):
+            _write_all(self._descriptor, plane, self._offset(z + i, y))
+
+    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Voxels:
+        """See `Window.rows`; a copy."""
+        shape = (stop_z - start_z, stop_y - start_y, *self._row_shape[1:])
+        out = np.empty(shape, self._dtype)
+        for i, plane in enumerate(out):
+            _read_all(self._descriptor, plane, self._offset(start_z + i, start_y))
+        return out
+
+    def drop_to(self, z: int) -> None:
+        """See `Window.drop_to`."""
+        self.first_z = z  # planes lie in a ring
+
+    def _offset(self, z: int, y: int) -> int:
+        row_nbytes = self._plane_nbytes // self._row_shape[0]
+        return (z % self._nplanes) * self._plane_nbytes + y * row_nbytes
+
+
+def _write_all(descriptor: int, array: Voxels, offset: int) -> None:
+    data = array.data.cast("B")
+    while data:
+        nbytes = os.pwrite(descriptor, data, offset)
+        data, offset = data[nbytes:], offset + nbytes
+
+
+def _read_all(descriptor: int, array: Voxels, offset: int) -> None:
+    data = array.data.cast("B")
+    while data:
+        nbytes = os.preadv(descriptor, [data], offset)
+        if nbytes == 0:
+            raise OSError(f"the scratch file ends at {offset}, {len(data)} bytes are missing")
+        data, offset = data[nbytes:], offset + nbytes
+
+
+def memory_window(_: str, nplanes: int, row_shape: tuple[int, ...], dtype: np.dtype[Any]) -> Window:
+    """A window in memory, whichever array it is of."""
+    return MemoryWindow(nplanes, row_shape, dtype)
