@@ -116,7 +116,7 @@ def test_all_levels_and_gradients_are_those_of_the_whole_however_rows_arrive(
         directions=DirectionEncoder(brick, 1),
         source_nplanes=nplanes,
         make_window=(
-            (lambda _, *what: ScratchWindow(*what, tmp_path)) if is_scratch else memory_window
+            (lambda _, what: ScratchWindow(*what, tmp_path)) if is_scratch else memory_window
         ),
         nahead=2,
     )

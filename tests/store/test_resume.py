@@ -27,7 +27,7 @@ from octobrick.store.errors import (
 from octobrick.store.progress import Progress
 
 SHAPE = (90, 60, 70)
-OPTIONS = {"brick": 16, "shard": 2, "checkpoint_seconds": 0.0}
+OPTIONS = {"brick": 16, "shard": 2, "checkpoint_seconds": 0.0, "gradients": True}
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -106,7 +106,7 @@ from octobrick.store import ingest
 
 octobrick.store.piece_reader.READ_NBYTES = int(sys.argv[3])
 print("ready", flush=True)
-ingest(sys.argv[1], sys.argv[2], brick=16, shard=2, checkpoint_seconds=0)
+ingest(sys.argv[1], sys.argv[2], brick=16, shard=2, checkpoint_seconds=0, gradients=True)
 """
 
 

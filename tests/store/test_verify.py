@@ -31,7 +31,7 @@ def source(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def volume(source: Path, tmp_path: Path) -> Path:
-    ingest(source, tmp_path / "v.zarr", brick=16, shard=2)
+    ingest(source, tmp_path / "v.zarr", brick=16, shard=2, gradients=True)
     return tmp_path / "v.zarr"
 
 
@@ -50,7 +50,7 @@ def test_a_sound_volume_has_no_problems_with_and_without_its_source(
     assert report.sound
     assert report.against_source
     grids = [np.prod(level.grid_zyx) for level in open_volume(volume).levels]
-    assert report.bricks == sum(grids)
+    assert report.bricks == sum(grids) + sum(grids[1:])  # of voxels, and of gradients
     assert report.shards == len(open_volume(volume).shard_entries)
 
 
@@ -60,6 +60,7 @@ def cut(path: Path) -> None:
 
 Damage = Callable[[Path], None]
 SHARD = "0/c/0/0/2/1/1"
+GRADIENTS = "gradient/1/c/0/0/1/0/0/0"
 
 
 DAMAGES: dict[str, tuple[Damage, str, set[str]]] = {
@@ -76,6 +77,8 @@ DAMAGES: dict[str, tuple[Damage, str, set[str]]] = {
         SHARD,
         {"shard", "brick", "range"},
     ),
+    "gradients": (lambda v: flip(v / GRADIENTS, 40), GRADIENTS, {"shard", "brick"}),
+    "missing gradients": (lambda v: (v / GRADIENTS).unlink(), GRADIENTS, {"shard", "brick"}),
     "coarse level": (lambda v: flip(v / "1/c/0/0/0/0/0", 40), "1/c/0/0/0/0/0", {"shard", "brick"}),
 }
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import S3dc, metrics
 from octobrick.store import frame as zstd_frame
-from octobrick.store.box import Box, Zyx
+from octobrick.store.box import Zyx
 
 Voxels = NDArray[np.generic]
 DirectionCodes = NDArray[np.uint8]
@@ -28,8 +29,8 @@ class EncodedBrick:
     """
 
     frame: bytes | None
-    low: float = 0.0
-    high: float = 0.0
+    low: Any = 0.0
+    high: Any = 0.0
     errors: metrics.ErrorStats = field(default_factory=metrics.ErrorStats)
 
 
@@ -47,17 +48,17 @@ class BrickEncoder:
     brick: int
     zstd_level: int
 
-    def encode(self, around: Voxels, core: Box) -> EncodedBrick:
+    def encode(self, voxels: Voxels, low: Any, high: Any) -> EncodedBrick:
         """Encode one brick.
 
         Args:
-            around: the voxels of the brick and those one voxel around it, as far as the level goes.
-            core: where the brick's own voxels lie in them.
+            voxels: of the brick, as many as the level has.
+            low: the least of them and those one voxel around them.
+            high: the greatest.
         """
-        voxels = around[core.slices]
-        low, high = around.min(), around.max()
         count = voxels.size
-        if not voxels.view(f"u{voxels.itemsize}").any():  # bitwise: -0.0 is not the fill value
+        # Bitwise: -0.0 is not the fill value.
+        if low <= 0 <= high and not voxels.view(f"u{voxels.itemsize}").any():
             return EncodedBrick(None, low, high, metrics.ErrorStats(count, 0.0, 0.0))
         padded = pad_to(voxels, (self.brick,) * 3)
         if self.codec is None:

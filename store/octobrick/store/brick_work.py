@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import gradients, metrics
-from octobrick.store.box import Box, Zyx, cell_box
+from octobrick.store.box import Box
 from octobrick.store.brick_encoder import BrickEncoder, EncodedBrick
 from octobrick.store.reducers import Reducer
 
@@ -39,7 +39,6 @@ class BrickWork:
     """What is to be made of the bricks of one level. Immutable, so many threads can share one.
 
     Args:
-        shape_zyx: voxels of the level.
         encoder: of its bricks.
         reducer: makes the coarser level; None on the coarsest.
         has_histogram: whether values are counted.
@@ -47,45 +46,30 @@ class BrickWork:
         ngradients: how many levels of gradients are made from a brick alone.
     """
 
-    shape_zyx: Zyx
     encoder: BrickEncoder
     reducer: Reducer | None
     has_histogram: bool
     spacing_zyx: tuple[float, float, float]
     ngradients: int
 
-    def box(self, brick_zyx: Zyx) -> Box:
-        """The voxels of a brick that the level has."""
-        return cell_box(brick_zyx, (self.encoder.brick,) * 3).intersect(self._level_box)
-
-    def around(self, brick_zyx: Zyx) -> Box:
-        """The same with those one voxel beyond, where the level goes on."""
-        return self.box(brick_zyx).grow(1).intersect(self._level_box)
-
-    def run(self, brick_zyx: Zyx, around: Voxels, *, is_wanted: bool) -> BrickResult:
+    def run(self, around: Voxels, core: Box, *, is_wanted: bool) -> BrickResult:
         """Do it for one brick.
 
         Args:
-            brick_zyx: which.
-            around: the voxels of the box that `around` gave.
+            around: its voxels and those one voxel around it, as far as the level goes.
+            core: where its own voxels lie in them.
             is_wanted: whether it is to be encoded.
         """
-        z, y, x = self.around(brick_zyx).start_zyx
-        core = self.box(brick_zyx).shift((-z, -y, -x))
         voxels = around[core.slices]
-        encoded = self.encoder.encode(around, core) if is_wanted else None
+        low, high = around.min(), around.max()
         directions, gradient = self._gradients(around, core)
         return BrickResult(
-            encoded,
-            metrics.histogram(voxels, voxels.min(), voxels.max()) if self.has_histogram else None,
+            self.encoder.encode(voxels, low, high) if is_wanted else None,
+            metrics.histogram(voxels, low, high) if self.has_histogram else None,
             None if self.reducer is None else self.reducer(voxels),
             directions,
             gradient,
         )
-
-    @property
-    def _level_box(self) -> Box:
-        return Box.of_shape(self.shape_zyx)
 
     def _gradients(
         self, around: Voxels, core: Box

@@ -8,19 +8,17 @@ part of several levels by itself; only beyond do parts of many bricks meet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import gradients
 from octobrick.store.box import Zyx, ceil_div
-from octobrick.store.brick_encoder import DirectionEncoder
 from octobrick.store.brick_work import BrickResult
 from octobrick.store.window import Window
 
 Vectors = NDArray[np.float32]
-MakeWindow = Callable[[str, int, tuple[int, ...], np.dtype[np.generic]], Window]
 Emit = Callable[[int, int, Window], None]
 
 
@@ -34,9 +32,9 @@ class GradientPyramid:
 
     Args:
         shapes_zyx: of the voxels' levels; gradients have levels 1 up to the last.
-        nlocal: the first of these levels that bricks of level 0 give.
-        encoder: of the bricks of directions.
-        make_window: of an array.
+        nlocal: the last of these levels that bricks of level 0 give by themselves.
+        brick: voxels per brick and axis.
+        windows: by arrays; each takes the planes of a layer.
         emit: called with level, layer and window when the planes of a layer are complete.
     """
 
@@ -44,20 +42,15 @@ class GradientPyramid:
         self,
         shapes_zyx: tuple[Zyx, ...],
         nlocal: int,
-        encoder: DirectionEncoder,
-        make_window: MakeWindow,
+        brick: int,
+        windows: Mapping[str, Window],
         emit: Emit,
     ) -> None:
-        self._shapes_zyx, self._brick, self._nlocal = shapes_zyx, encoder.brick, nlocal
+        self._shapes_zyx, self._brick, self._nlocal = shapes_zyx, brick, nlocal
         self._emit = emit
         self.levels = range(1, len(shapes_zyx))
-        self.windows: dict[int, Window] = {}
+        self.windows = {level: windows[gradient_array(level)] for level in self.levels}
         self.layers = dict.fromkeys(self.levels, 0)
-        for level in self.levels:
-            nz, ny, nx = shapes_zyx[level]
-            self.windows[level] = make_window(
-                gradient_array(level), min(nz, self._brick), (ny, nx, 3), np.dtype(np.uint8)
-            )
         # Beyond the levels that bricks give: planes of gradients as they come, and of each level
         # the one that waits for its second.
         self._planes: Vectors | None = None

@@ -39,6 +39,7 @@ def ingest(
     overwrite: bool = False,
     restart: bool = False,
     workers: int | None = None,
+    memory: int | None = None,
     checkpoint_seconds: float = 5.0,
     progress: ProgressCallback | None = None,
     cancel: threading.Event | None = None,
@@ -77,6 +78,8 @@ def ingest(
         overwrite: replace a volume that is already there.
         restart: forget what an ingest left that did not finish, instead of going on.
         workers: encoding threads; by default one per processor. The bytes do not depend on it.
+        memory: bytes that the process may take, about; by default half of the system's. Where a
+            slab of the volume is more, part of it lies in scratch files beside the destination.
         checkpoint_seconds: how much work a kill may cost, more where checkpoints would take
             more than a twentieth of the time; 0 for a checkpoint after every layer.
         progress: called from the ingesting thread after each piece that was read.
@@ -111,6 +114,7 @@ def ingest(
         region=region,
         replace_nonfinite=replace_nonfinite,
         workers=workers,
+        memory_nbytes=memory,
         checkpoint_seconds=checkpoint_seconds,
     )
     dest_path = Path(os.path.abspath(dest))  # noqa: PTH100  (resolve() would follow symlinks)

@@ -40,6 +40,7 @@ class IngestOptions:
     region: Box | None
     replace_nonfinite: float | None
     workers: int | None
+    memory_nbytes: int | None
     checkpoint_seconds: float
 
     def __post_init__(self) -> None:
@@ -61,6 +62,8 @@ class IngestOptions:
             _require("workers", self.workers, 1, 1024)
         if self.replace_nonfinite is not None and not np.isfinite(self.replace_nonfinite):
             raise InvalidInputError(f"replace_nonfinite {self.replace_nonfinite}: must be finite")
+        if self.memory_nbytes is not None and self.memory_nbytes < 1:
+            raise InvalidInputError(f"memory {self.memory_nbytes}: must be a number of bytes")
         if not self.checkpoint_seconds >= 0:
             raise InvalidInputError(
                 f"checkpoint_seconds {self.checkpoint_seconds}: must be 0 or more"

@@ -16,6 +16,7 @@ from octobrick.store.ingest_finish import IngestFinish
 from octobrick.store.ingest_options import IngestOptions
 from octobrick.store.ingest_state import IngestState
 from octobrick.store.journal import Journal
+from octobrick.store.memory_plan import plan_memory
 from octobrick.store.piece_reader import PieceReader
 from octobrick.store.progress import ProgressCallback, ProgressMeter
 from octobrick.store.pyramid import Pyramid, PyramidPlan
@@ -23,7 +24,7 @@ from octobrick.store.reducers import level_shapes
 from octobrick.store.report import IngestResult
 from octobrick.store.sources import Source
 from octobrick.store.volume_writer import VolumeRecord, VolumeWriter
-from octobrick.store.window import memory_window
+from octobrick.store.window import SCRATCH_PREFIX, Window, WindowShape
 
 _CHECKPOINT_SHARE = 0.05  # of the time that may go into checkpoints, where a disk is slow
 
@@ -66,6 +67,14 @@ class IngestRun:
             folder, {"source": source.fingerprint(), "options": options.to_json()}
         )
         self._state = self._fresh_state()
+        self._plan = self._make_plan()
+        self._memory = plan_memory(
+            self._plan,
+            nc=source.nc,
+            nworkers=self._nworkers,
+            piece_nbytes=self._reader.piece_nbytes,
+            limit_nbytes=options.memory_nbytes,
+        )
         self._last_seconds = time.monotonic()
         self._checkpoint_cost_seconds = 0.0
 
@@ -83,6 +92,8 @@ class IngestRun:
     # Going on where an earlier run was
 
     def _take_up(self, *, restart: bool) -> None:
+        for leftover in self._folder.glob(f"{SCRATCH_PREFIX}*"):
+            leftover.unlink()
         checkpoint = None if restart else self._journal.read()
         if checkpoint is not None:
             try:
@@ -151,10 +162,13 @@ class IngestRun:
                 last_layer = layer
 
     def _begin_step(self, t: int) -> list[Pyramid]:
-        plan, writer = self._plan(), self._state.writer
-        return [Pyramid(plan, t, c, self._executor, writer) for c in range(self._source.nc)]
+        writer = self._state.writer
+        return [Pyramid(self._plan, t, c, self._executor, writer) for c in range(self._source.nc)]
 
-    def _plan(self) -> PyramidPlan:
+    def _make_window(self, array: str, shape: WindowShape) -> Window:
+        return self._memory.window(self._folder, array, shape)
+
+    def _make_plan(self) -> PyramidPlan:
         options = self._options
         return PyramidPlan(
             shapes_zyx=self._shapes,
@@ -167,6 +181,6 @@ class IngestRun:
                 DirectionEncoder(options.brick, options.zstd_level) if options.gradients else None
             ),
             source_nplanes=self._reader.nplanes,
-            make_window=memory_window,
+            make_window=self._make_window,
             nahead=4 * self._nworkers,
         )

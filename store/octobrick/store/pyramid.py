@@ -17,16 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import metrics
-from octobrick.store.box import Zyx, ceil_div, grid_of
+from octobrick.store.box import Box, Zyx, ceil_div, grid_of
 from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder, EncodedBrick
 from octobrick.store.brick_work import BrickResult, BrickWork
 from octobrick.store.gradient_pyramid import GradientPyramid, gradient_array
 from octobrick.store.in_order import in_order
 from octobrick.store.reducers import REDUCERS
-from octobrick.store.window import Window
+from octobrick.store.window import MakeWindow, Window, WindowShape
 
 Voxels = NDArray[np.generic]
-MakeWindow = Callable[[str, int, tuple[int, ...], np.dtype[np.generic]], Window]
 
 
 class Address(NamedTuple):
@@ -66,7 +65,7 @@ class PyramidPlan:
         spacing_zyx: world size of a voxel of level 0.
         directions: encodes gradients; None where there are none.
         source_nplanes: so many planes of level 0 are put at once, at most.
-        make_window: of an array, with room for so many planes of a shape and type.
+        make_window: of an array.
         nahead: bricks that may be under way at once.
     """
 
@@ -97,7 +96,6 @@ class PyramidPlan:
         """What is to be done with the bricks of a level."""
         is_coarsest = level + 1 == len(self.shapes_zyx)
         return BrickWork(
-            shape_zyx=self.shapes_zyx[level],
             encoder=self.encoders[level],
             reducer=None if is_coarsest else REDUCERS[self.reducer],
             has_histogram=level == 0,
@@ -105,14 +103,24 @@ class PyramidPlan:
             ngradients=self.nlocal_gradients if level == 0 else 0,
         )
 
-    def window(self, level: int) -> Window:
-        """The window of a level."""
-        nz, ny, nx = self.shapes_zyx[level]
-        # Put before a layer is complete, which takes one plane more than its bricks and the one
-        # before them, can be whatever comes at once.
-        nput = self.source_nplanes if level == 0 else self.brick // 2
-        nplanes = min(nz, self.brick + 1 + nput)
-        return self.make_window(str(level), nplanes, (ny, nx), self.dtype)
+    def window_shapes(self) -> dict[str, WindowShape]:
+        """Of the windows of all arrays, by their paths."""
+        shapes = {}
+        for level, (nz, ny, nx) in enumerate(self.shapes_zyx):
+            # A layer takes a plane on either side; beyond may be whatever is put at once.
+            nput = self.source_nplanes if level == 0 else self.brick // 2
+            nplanes = min(nz, self.brick + 1 + nput)
+            shapes[str(level)] = WindowShape(nplanes, (ny, nx), self.dtype)
+            if level and self.directions is not None:
+                nplanes, dtype = min(nz, self.brick), np.dtype(np.uint8)
+                shapes[gradient_array(level)] = WindowShape(nplanes, (ny, nx, 3), dtype)
+        return shapes
+
+    def windows(self) -> dict[str, Window]:
+        """New windows of all arrays."""
+        return {
+            array: self.make_window(array, shape) for array, shape in self.window_shapes().items()
+        }
 
 
 class Held(NamedTuple):
@@ -134,20 +142,23 @@ class Pyramid:
     """
 
     def __init__(self, plan: PyramidPlan, t: int, c: int, executor: Executor, sink: Sink) -> None:
+        windows = plan.windows()
         self.gradients = (
             None
             if plan.directions is None
             else GradientPyramid(
                 plan.shapes_zyx,
                 plan.nlocal_gradients,
-                plan.directions,
-                plan.make_window,
+                plan.brick,
+                windows,
                 partial(_encode_directions, plan, t, c, executor, sink),
             )
         )
         level: _Level | None = None
         for index in reversed(range(len(plan.shapes_zyx))):
-            level = _Level(plan, index, t, c, executor, sink, level, self.gradients)
+            level = _Level(
+                plan, index, windows[str(index)], t, c, executor, sink, level, self.gradients
+            )
         assert level is not None
         self._finest = level
 
@@ -180,6 +191,13 @@ class Pyramid:
             level = level.coarser
 
 
+class _Span(NamedTuple):
+    """A brick along one axis: with a voxel around it, in the level; without, in those."""
+
+    around: tuple[int, int]
+    core: tuple[int, int]
+
+
 class _Level:
     """Gathers the rows of one level into layers, works on their bricks and feeds the next."""
 
@@ -187,6 +205,7 @@ class _Level:
         self,
         plan: PyramidPlan,
         index: int,
+        window: Window,
         t: int,
         c: int,
         executor: Executor,
@@ -195,7 +214,7 @@ class _Level:
         gradients: GradientPyramid | None,
     ) -> None:
         self.coarser = coarser
-        self.window = plan.window(index)
+        self.window = window
         self.layer = 0
         self._plan, self._index, self._t, self._c = plan, index, t, c
         self._executor, self._sink = executor, sink
@@ -230,19 +249,23 @@ class _Level:
             self._feed(y, row)
 
     def _calls(self, ny: int, nx: int) -> Iterator[Callable[[], BrickResult]]:
+        z_span = self._span(self.layer, 0)
+        x_spans = [self._span(x, 2) for x in range(nx)]
         for y in range(ny):
-            (start_z, start_y, _), (stop_z, stop_y, _) = self._row_box(y, nx)
-            rows = self.window.rows(start_z, stop_z, start_y, stop_y)
-            for x in range(nx):
-                brick_zyx = (self.layer, y, x)
-                around = self._work.around(brick_zyx)
-                voxels = rows[:, :, around.start_zyx[2] : around.stop_zyx[2]]
-                is_wanted = self._sink.wants(self._address(brick_zyx))
-                yield partial(self._work.run, brick_zyx, voxels, is_wanted=is_wanted)
+            y_span = self._span(y, 1)
+            rows = self.window.rows(*z_span.around, *y_span.around)
+            for x, x_span in enumerate(x_spans):
+                around = rows[:, :, slice(*x_span.around)]
+                starts, stops = zip(z_span.core, y_span.core, x_span.core, strict=True)
+                is_wanted = self._sink.wants(self._address((self.layer, y, x)))
+                yield partial(self._work.run, around, Box(starts, stops), is_wanted=is_wanted)
 
-    def _row_box(self, y: int, nx: int) -> tuple[Zyx, Zyx]:
-        first, last = (self._work.around((self.layer, y, x)) for x in (0, nx - 1))
-        return first.start_zyx, last.stop_zyx
+    def _span(self, index: int, axis: int) -> _Span:
+        """Where the bricks with this index lie along an axis."""
+        n, brick = self._shape_zyx[axis], self._plan.brick
+        start, stop = index * brick, min((index + 1) * brick, n)
+        first = max(start - 1, 0)
+        return _Span((first, min(stop + 1, n)), (start - first, stop - first))
 
     def _give(self, brick_zyx: Zyx, result: BrickResult) -> None:
         if result.encoded is not None:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import os
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Voxels = NDArray[Any]
 
+SCRATCH_PREFIX = ".scratch-"
 _PIECE_NBYTES = 16 * 2**20  # of held planes, read at a time for a checkpoint
 
 
@@ -119,7 +120,7 @@ class ScratchWindow(Window):
         self, nplanes: int, row_shape: tuple[int, ...], dtype: np.dtype[Any], folder: Path
     ) -> None:
         super().__init__(nplanes, row_shape, dtype)
-        self._descriptor, name = tempfile.mkstemp(prefix=".scratch-", dir=folder)
+        self._descriptor, name = tempfile.mkstemp(prefix=SCRATCH_PREFIX, dir=folder)
         Path(name).unlink()
 
     def __del__(self) -> None:
@@ -166,6 +167,23 @@ def _read_all(descriptor: int, array: Voxels, offset: int) -> None:
         data, offset = data[nbytes:], offset + nbytes
 
 
-def memory_window(_: str, nplanes: int, row_shape: tuple[int, ...], dtype: np.dtype[Any]) -> Window:
+class WindowShape(NamedTuple):
+    """What a window is made of."""
+
+    nplanes: int
+    row_shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    @property
+    def nbytes(self) -> int:
+        """Of all planes."""
+        return self.nplanes * int(np.prod(self.row_shape)) * self.dtype.itemsize
+
+
+MakeWindow = Callable[[str, WindowShape], Window]
+"""The window of an array, by its path below the volume."""
+
+
+def memory_window(_: str, shape: WindowShape) -> Window:
     """A window in memory, whichever array it is of."""
-    return MemoryWindow(nplanes, row_shape, dtype)
+    return MemoryWindow(*shape)

@@ -98,10 +98,11 @@ class Histogram:
         steps = exponent - self.exponent
         if steps == 0:
             return self
-        first = self.first >> steps
-        bins = ((self.first + np.arange(self.counts.size)) >> min(steps, 62)) - first
-        counts = np.zeros(int(bins[-1]) + 1, np.uint64)
-        np.add.at(counts, bins, self.counts)
+        first, size = self.first >> steps, self.counts.size
+        # Where the coarser bins begin among ours, the first perhaps in the middle of one.
+        begin = ((first + 1) << steps) - self.first if steps < 64 else size
+        starts = np.arange(begin, size, 1 << steps) if begin < size else np.zeros(0, np.intp)
+        counts = np.add.reduceat(self.counts, np.concatenate(([0], starts)))
         return Histogram(exponent, first, counts)
 
 

@@ -20,11 +20,12 @@ from octobrick.server.cli.text import (
     format_shape,
     print_table,
 )
-from octobrick.server.cli.values import Ends, numbers, ranges
+from octobrick.server.cli.values import Ends, nbytes, numbers, ranges
 
 if TYPE_CHECKING:
     from octobrick.codec import S3dc
     from octobrick.store import Box, IngestResult
+    from octobrick.store.report import LevelReport
 
 
 @click.command()
@@ -59,6 +60,9 @@ if TYPE_CHECKING:
     help="What makes a coarser voxel of 2×2×2.  [default: mean, of labels mode]",
 )
 @click.option(
+    "--gradients", is_flag=True, help="Also store directions of gradients, of levels from 1 on."
+)
+@click.option(
     "--labels/--no-labels",
     default=None,
     help="Voxels are names: keep them exactly, reduce by mode.  [default: as the source says]",
@@ -83,6 +87,12 @@ if TYPE_CHECKING:
 @click.option("--overwrite", is_flag=True, help="Replace a volume that is at DEST already.")
 @click.option("--restart", is_flag=True, help="Forget an ingest that did not finish.")
 @click.option("--workers", type=int, help="Encoding threads.  [default: one per processor]")
+@click.option(
+    "--memory",
+    metavar="SIZE",
+    callback=nbytes,
+    help="Memory to take at most, about, such as 512MiB.  [default: half of the system's]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked).")
 def ingest(
@@ -196,8 +206,10 @@ def _remains(dest: Path) -> str:
 
 
 def _print_result(result: IngestResult) -> None:
+    gradients = any(level.gradient_nbytes is not None for level in result.levels)
     print_table(
-        ("level", "z×y×x", "size", "stored", "ratio", "PSNR", "max error"),
+        ("level", "z×y×x", "size", "stored", "ratio", "PSNR", "max error")
+        + (("gradients",) if gradients else ()),
         (
             (
                 str(level.index),
@@ -207,20 +219,26 @@ def _print_result(result: IngestResult) -> None:
                 format_ratio(level.nbytes, level.stored_nbytes),
                 format_psnr(level.psnr_db),
                 f"{level.max_error:g}",
+                *((_gradients(level),) if gradients else ()),
             )
             for level in result.levels
         ),
     )
-    nbytes = sum(level.nbytes for level in result.levels)
+    size_nbytes = sum(level.nbytes for level in result.levels)
     stored_nbytes = sum(level.stored_nbytes for level in result.levels)
     if result.resumed_voxels:
         click.echo(f"went on after {result.resumed_voxels / 1e6:.0f} Mvoxel of an earlier run")
     click.echo(
-        f"{format_nbytes(nbytes)} in {len(result.levels)} levels became "
-        f"{format_nbytes(stored_nbytes)}, {format_ratio(nbytes, stored_nbytes)} times smaller, in "
-        f"{format_seconds(result.elapsed_seconds)}: {result.megabytes_per_second:.0f} MB/s, peak "
-        f"memory {format_nbytes(result.peak_rss_nbytes)}"
+        f"{format_nbytes(size_nbytes)} in {len(result.levels)} levels became "
+        f"{format_nbytes(stored_nbytes)}, {format_ratio(size_nbytes, stored_nbytes)} times "
+        f"smaller, in {format_seconds(result.elapsed_seconds)}: "
+        f"{result.megabytes_per_second:.0f} MB/s, peak memory "
+        f"{format_nbytes(result.peak_rss_nbytes)}"
     )
     click.echo(f"{result.path} (revision {result.revision})")
     for warning in result.warnings:
         click.echo(f"octobrick: warning: {warning}", err=True)
+
+
+def _gradients(level: LevelReport) -> str:
+    return "" if level.gradient_nbytes is None else format_nbytes(level.gradient_nbytes)

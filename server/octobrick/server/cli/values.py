@@ -35,6 +35,20 @@ def numbers(kind: type[int] | type[float], example: str) -> Callback:
     return parse
 
 
+_UNITS = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12}
+_UNITS |= {"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40}
+
+
+def nbytes(_context: click.Context, _parameter: click.Parameter, text: str | None) -> int | None:
+    """The callback for an amount of memory, such as ``512MiB`` or ``2GB``."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*([a-z]*)", text.strip().lower(), re.ASCII)
+    if found is None or found[2] not in _UNITS:
+        raise click.BadParameter(f"{text!r} is not an amount of memory like 512MiB or 2GB")
+    return int(float(found[1]) * _UNITS[found[2]])
+
+
 def size(_context: click.Context, _parameter: click.Parameter, text: str) -> tuple[int, int]:
     """The callback for width and height of a picture, both positive, such as ``768x768``."""
     width, _, height = text.lower().partition("x")

@@ -1,0 +1,104 @@
+"""What an ingest may keep in memory, and what goes to scratch files instead."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from octobrick.codec.errors import InvalidInputError
+from octobrick.store.box import grid_of
+from octobrick.store.pyramid import PyramidPlan
+from octobrick.store.window import MemoryWindow, ScratchWindow, Window, WindowShape
+
+_BASE_NBYTES = 112 * 2**20  # the interpreter and its libraries, and what sources and zstd cache
+_SHARE_OF_SYSTEM = 0.5  # what an ingest takes of a machine's memory if it is not told
+_PIECES = 3  # one read ahead, one in use, and one on its way to another type
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryPlan:
+    """Which windows of a pyramid are in memory.
+
+    Attributes:
+        limit_nbytes: of the whole process, about.
+        scratch: arrays whose windows lie in scratch files.
+        nbytes: what the process will take.
+    """
+
+    limit_nbytes: int
+    scratch: frozenset[str]
+    nbytes: int
+
+    def window(self, folder: Path, array: str, shape: WindowShape) -> Window:
+        """The window of an array, a scratch file of which lies in the folder."""
+        if array in self.scratch:
+            return ScratchWindow(*shape, folder)
+        return MemoryWindow(*shape)
+
+
+def plan_memory(
+    plan: PyramidPlan, *, nc: int, nworkers: int, piece_nbytes: int, limit_nbytes: int | None
+) -> MemoryPlan:
+    """Keep as many windows in memory as the limit allows; the largest go to scratch files first.
+
+    Args:
+        plan: what is made of each channel.
+        nc: channels, each of which has windows of its own.
+        nworkers: encoding threads.
+        piece_nbytes: what is read at a time, of all channels.
+        limit_nbytes: by default half of the memory that the system gives this process.
+
+    Raises:
+        InvalidInputError: the limit is below what the least takes.
+    """
+    limit = limit_nbytes or int(system_nbytes() * _SHARE_OF_SYSTEM)
+    fixed = _BASE_NBYTES + _PIECES * piece_nbytes + _work_nbytes(plan, nworkers)
+    windows = plan.window_shapes()
+    total = fixed + nc * (_tables_nbytes(plan) + sum(w.nbytes for w in windows.values()))
+    scratch = set()
+    for array in sorted(windows, key=lambda name: windows[name].nbytes, reverse=True):
+        saved = windows[array].nbytes - _rows_nbytes(plan, windows[array])
+        if total > limit and saved > 0:
+            scratch.add(array)
+            total -= nc * saved
+    if total > limit and limit_nbytes is not None:
+        raise InvalidInputError(
+            f"memory {limit_nbytes}: this volume takes at least {total} bytes; allow that much, or "
+            "choose smaller bricks or fewer workers",
+            memory=limit_nbytes,
+            least_nbytes=total,
+        )
+    return MemoryPlan(limit, frozenset(scratch), total)
+
+
+def system_nbytes() -> int:
+    """The memory that this process can have: of the machine, or of its control group."""
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    try:
+        text = Path("/sys/fs/cgroup/memory.max").read_text().strip()
+    except OSError:
+        return machine
+    return min(machine, int(text)) if text.isdecimal() else machine
+
+
+def _rows_nbytes(plan: PyramidPlan, window: WindowShape) -> int:
+    """What is in memory of a window that lies in a file: two rows of bricks."""
+    row_nbytes = window.nbytes // (window.nplanes * window.row_shape[0])
+    return 2 * row_nbytes * (plan.brick + 2) ** 2
+
+
+def _work_nbytes(plan: PyramidPlan, nworkers: int) -> int:
+    """What bricks take that are being encoded, or wait to be stored."""
+    nvoxels, itemsize = plan.brick**3, plan.dtype.itemsize
+    gradients = 6 if plan.directions is not None else 0  # float32 and codes, at half resolution
+    return nvoxels * (nworkers * (4 * itemsize + gradients) + plan.nahead * (itemsize + 1))
+
+
+def _tables_nbytes(plan: PyramidPlan) -> int:
+    """Ranges and fidelity of all levels."""
+    per_brick = 2 * (plan.dtype.itemsize + np.dtype(np.float32).itemsize)
+    grids = (grid_of(shape, (plan.brick,) * 3) for shape in plan.shapes_zyx)
+    return sum(per_brick * nz * ny * nx for nz, ny, nx in grids)
