@@ -67,7 +67,7 @@ FORMATS = (
         is_nifti,
         alone(open_nifti),
     ),
-    Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), alone(open_nrrd)),
+    Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), open_nrrd),
     Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
     Format("OpenVDB", (".vdb",), lambda head: head.startswith(OPENVDB_MAGIC), open_openvdb),
     Format("TIFF", (".tif", ".tiff", ".btf", ".tf8"), is_tiff, open_tiff),
