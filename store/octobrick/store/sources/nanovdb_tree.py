@@ -201,17 +201,23 @@ class Tree:
         if (np.abs(held) >= self._grid.nbytes).any() or (held == np.iinfo(np.int64).min).any():
             raise self._grid.damaged("a child of the root lies outside of it")
         uppers = self._root + held
-        self._require_apart(uppers, self._values.node(_UPPER_LOG2).itemsize)
+        upper_nbytes = self._values.node(_UPPER_LOG2).itemsize
+        self._require_apart([(uppers, upper_nbytes)])
         lowers = [node.children[node.is_child] for node in map(self._upper, uppers.tolist())]
-        if lowers:
-            size = self._values.node(_LOWER_LOG2).itemsize
-            self._require_apart(np.concatenate(lowers), size)
+        lower_nbytes = self._values.node(_LOWER_LOG2).itemsize
+        self._require_apart(
+            [(uppers, upper_nbytes), *((places, lower_nbytes) for places in lowers)]
+        )
 
-    def _require_apart(self, places: npt.NDArray[np.int64], nbytes: int) -> None:
-        ordered = np.sort(places)
-        if len(ordered) and (ordered[0] < 0 or ordered[-1] + nbytes > self._grid.nbytes):
+    def _require_apart(self, nodes: list[tuple[npt.NDArray[np.int64], int]]) -> None:
+        """Nodes of given places and sizes lie inside the grid, and none upon another."""
+        starts = np.concatenate([places for places, _ in nodes])
+        stops = np.concatenate([places + nbytes for places, nbytes in nodes])
+        order = np.argsort(starts)
+        starts, stops = starts[order], stops[order]
+        if len(starts) and (starts[0] < 0 or (stops > self._grid.nbytes).any()):
             raise self._grid.damaged("a node lies outside of it")
-        if (np.diff(ordered) < nbytes).any():
+        if (stops[:-1] > starts[1:]).any():
             raise self._grid.damaged("two nodes lie upon each other")
 
     def _node(self, at: int, log2_side: int) -> _Node:
