@@ -115,7 +115,7 @@ class Tree:
                 self._fill_cells(canvas, lower, inner, corner, _LEAF_SIDE)
                 found = list(_children_in(lower, inner, corner, _LEAF_SIDE))
                 for leaf_origin, voxels in self._leaves.decoded(found):
-                    canvas.put_leaf(inner.within(leaf_origin, _LEAF_SIDE), leaf_origin, voxels)
+                    canvas.put_leaf(leaf_origin, voxels)
 
     def constant(self, box: Span, component: int) -> float | None:
         """The value of all voxels of a box that meets no leaf and has one value; None otherwise."""
@@ -258,12 +258,14 @@ class _Canvas:
             values = values[:, np.newaxis, np.newaxis, np.newaxis]
         self._out[(slice(None), *self._slices(part))] = values
 
-    def put_leaf(self, part: Span, origin: Xyz, voxels: Voxels) -> None:
+    def put_leaf(self, origin: Xyz, voxels: Voxels) -> None:
         """Write the part of a leaf that is inside the box; voxels (x, y, z, component)."""
-        x, y, z = (
-            slice(a - o, b - o) for a, b, o in zip(part.start, part.stop, origin, strict=True)
-        )
-        self.put(part, voxels[x, y, z])
+        _, nz, ny, nx = self._out.shape
+        x, y, z = (a - b for a, b in zip(origin, self._start, strict=True))
+        x0, y0, z0 = max(x, 0), max(y, 0), max(z, 0)
+        x1, y1, z1 = min(x + _LEAF_SIDE, nx), min(y + _LEAF_SIDE, ny), min(z + _LEAF_SIDE, nz)
+        part = voxels[x0 - x : x1 - x, y0 - y : y1 - y, z0 - z : z1 - z, self._components]
+        self._out[:, z0:z1, y0:y1, x0:x1] = part.transpose(3, 2, 1, 0)
 
     def _slices(self, part: Span) -> tuple[slice, ...]:
         zipped = zip(part.start, part.stop, self._start, strict=True)
