@@ -116,6 +116,30 @@ def test_gzip_of_time_steps_is_decoded_once_when_read_in_order(tmp_path, tczyx, 
     assert len(resumed) == 1
 
 
+def test_channels_behind_each_other_are_decoded_about_twice(tmp_path, monkeypatch):
+    monkeypatch.setattr("octobrick.store.sources.flat._STAGE_NBYTES", 2000)
+    monkeypatch.setattr("octobrick.store.sources.gzip_stream._INPUT_NBYTES", 500)
+    monkeypatch.setattr("octobrick.store.sources.gzip_stream._OUTPUT_NBYTES", 500)
+    voxels = np.random.default_rng(3).integers(0, 255, (1, 4, 40, 30, 50), np.uint8)
+    path = nifti(tmp_path / "a.nii.gz", voxels.transpose(4, 3, 2, 0, 1))
+    decoded = []
+    decode = GzipReader._decode
+
+    def counted(reader: GzipReader) -> bytes:
+        decoded.append(len(data := decode(reader)))
+        return data
+
+    monkeypatch.setattr(GzipReader, "_decode", counted)
+    with open_source(path) as source:
+        for z in range(40):
+            read = source.read_channels(Box((z, 0, 0), (z + 1, 30, 50)))
+            np.testing.assert_array_equal(read, voxels[0, :, z : z + 1])
+        assert sum(decoded) < 2.2 * voxels.size
+        for z in (5, 3, 39, 0):
+            read = source.read(Box((z, 0, 0), (z + 1, 30, 50)), 0, 2)
+            np.testing.assert_array_equal(read[0], voxels[0, 2, z])
+
+
 def nrrd(path: Path, voxels: np.ndarray, *lines: str, encoding: str = "raw") -> Path:
     """A file of an array indexed slowest first."""
     sizes = " ".join(map(str, voxels.shape[::-1]))
