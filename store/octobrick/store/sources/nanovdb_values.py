@@ -157,5 +157,6 @@ READ: dict[int, Values] = {
     14: Values(_F4, leaf="quantized", leaf_bits=8),
     15: Values(_F4, leaf="quantized", leaf_bits=16),
     16: Values(_F4, leaf="variable"),
+    26: _of("<u1"),
 }
 READ_NAMES = tuple(kind_name(number) for number in READ)
