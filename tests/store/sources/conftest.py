@@ -19,6 +19,7 @@ import pytest
 from .sample import READ_DTYPES, SPACING_ZYX, Sample, Writer
 from .writers_arrays import WRITERS as ARRAY_WRITERS
 from .writers_images import WRITERS as IMAGE_WRITERS
+from .writers_nanovdb import NANOVDB_WRITERS
 from .writers_openvdb import OPENVDB_WRITERS
 
 
@@ -268,6 +269,7 @@ WRITERS: tuple[Writer, ...] = (
     *ARRAY_WRITERS,
     *IMAGE_WRITERS,
     *OPENVDB_WRITERS,
+    *NANOVDB_WRITERS,
 )
 for _writer in WRITERS:
     if _writer.__name__.startswith(("nifti", "nrrd", "metaimage")):

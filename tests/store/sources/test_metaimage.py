@@ -94,9 +94,10 @@ def test_several_data_files_are_refused(write, file):
         open_source(write(file=file))
 
 
-def test_several_channels_are_refused(write):
-    with pytest.raises(UnsupportedSourceError, match="3 channels"):
-        open_source(write(ElementNumberOfChannels="3"))
+@pytest.mark.parametrize("nc", ["0", "-3"])
+def test_no_channels_are_refused(write, nc):
+    with pytest.raises(SourceError, match="at least 1"):
+        open_source(write(ElementNumberOfChannels=nc))
 
 
 def test_text_data_are_refused(write):
@@ -115,9 +116,9 @@ def test_axis_without_voxels_is_refused_by_name(write, size):
         open_source(write(DimSize=f"5 4 {size}"))
 
 
-def test_four_axes_are_refused_with_what_was_found(write):
-    with pytest.raises(UnsupportedSourceError, match=r"4 axes of \[5, 4, 3, 2\]"):
-        open_source(write(NDims="4", DimSize="5 4 3 2"))
+def test_five_axes_are_refused_with_what_was_found(write):
+    with pytest.raises(UnsupportedSourceError, match=r"5 axes of \[5, 4, 3, 2, 1\]"):
+        open_source(write(NDims="5", DimSize="5 4 3 2 1"))
 
 
 def test_number_of_axes_that_contradicts_sizes_is_refused(write):

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from octobrick.codec.errors import ResourceError
+from octobrick.codec.errors import InvalidInputError, ResourceError
 from octobrick.store.box import Box
 from octobrick.store.errors import (
     SourceError,
@@ -239,8 +239,8 @@ def test_dimension_that_contradicts_sizes_is_refused(write):
         open_source(write(dimension="4"))
 
 
-def test_four_axes_are_refused_with_what_was_found(write):
-    with pytest.raises(UnsupportedSourceError, match=r"4 axes of \[5, 2, 2, 3\]"):
+def test_four_axes_that_nothing_names_are_refused_with_what_was_found(write):
+    with pytest.raises(InvalidInputError, match=r"4 axes of \[5, 2, 2, 3\].*--axes tzyx"):
         open_source(write(dimension="4", sizes="5 2 2 3"))
 
 

@@ -103,7 +103,6 @@ def _writers(request):
 @pytest.mark.parametrize(
     ("name", "content", "format_name"),
     [
-        ("a.nvdb", b"NanoVDB0" + bytes(8), "NanoVDB"),
         ("a.raw.bz2", b"BZh9", "bzip2"),
     ],
 )

@@ -12,6 +12,7 @@ from octobrick.store.sources.dicom import open_dicom_file
 from octobrick.store.sources.hdf5 import MAGIC as HDF5_MAGIC
 from octobrick.store.sources.hdf5 import open_hdf5
 from octobrick.store.sources.metaimage import is_metaimage, open_metaimage
+from octobrick.store.sources.nanovdb import is_nanovdb, open_nanovdb
 from octobrick.store.sources.nifti import is_nifti, open_nifti
 from octobrick.store.sources.npy import MAGIC as NPY_MAGIC
 from octobrick.store.sources.npy import open_npy
@@ -67,9 +68,10 @@ FORMATS = (
         is_nifti,
         alone(open_nifti),
     ),
-    Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), alone(open_nrrd)),
+    Format("NRRD", (".nrrd", ".nhdr"), lambda head: head.startswith(NRRD_MAGIC), open_nrrd),
     Format("MetaImage", (".mhd", ".mha"), is_metaimage, alone(open_metaimage)),
     Format("OpenVDB", (".vdb",), lambda head: head.startswith(OPENVDB_MAGIC), open_openvdb),
+    Format("NanoVDB", (".nvdb",), is_nanovdb, open_nanovdb),
     Format("TIFF", (".tif", ".tiff", ".btf", ".tf8"), is_tiff, open_tiff),
     Format("DICOM", (".dcm",), lambda head: head[128:132] == b"DICM", open_dicom_file),
     Format("npy", (".npy",), lambda head: head.startswith(NPY_MAGIC), open_npy),
@@ -85,7 +87,6 @@ FORMATS = (
 
 # Not read, but told by name: offset, bytes, name.
 _FOREIGN = (
-    (0, b"NanoVDB", "NanoVDB"),
     (0, b"\x89PNG\r\n", "PNG"),
     (0, b"\xff\xd8\xff", "JPEG"),
     (0, b"BZh", "bzip2 data"),

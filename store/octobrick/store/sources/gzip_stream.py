@@ -8,10 +8,12 @@ back costs at most 1/64 of the data.
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 import zlib
 from bisect import bisect_right
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 _INPUT_NBYTES = 1 << 16
 _OUTPUT_NBYTES = 1 << 18
 _MARKS = 64
+# Readers that go forward at once, a third of a megabyte each.
+_MOST_READERS = 16
 # Deflate's densest code is one bit for each half of a 258-byte copy: 1032 to 1, no more.
 _MAX_EXPANSION = 1032
 # Bytes after the last voxel that are still decoded to reach the checksum behind them.
@@ -83,11 +87,28 @@ class GzipReader:
     def seek(self, position: int) -> None:
         """Go to a decompressed byte: forward by decoding, back to a mark and then forward."""
         if position < self.position:
-            at = bisect_right(self._marks, position, key=lambda mark: mark.position)
-            self._resume(self._marks[at - 1])
+            self.rewind(position)
         while self.position < position:
             self._require_ready()
             self._ready = self._ready[min(position - self.position, len(self._ready)) :]
+
+    def rewind(self, position: int) -> None:
+        """Go to the last mark before a position."""
+        at = bisect_right(self._marks, position, key=lambda mark: mark.position)
+        self._resume(self._marks[at - 1])
+
+    def fork(self) -> GzipReader:
+        """Another reader of the same data and file, at their start; both use the marks of each."""
+        other = copy(self)
+        other._resume(self._marks[0])
+        return other
+
+    def distance(self, position: int, *, by_mark: bool) -> float:
+        """Bytes to decode up to a position, from a mark or from here; infinite if it is behind."""
+        if by_mark:
+            at = bisect_right(self._marks, position, key=lambda mark: mark.position)
+            return position - self._marks[at - 1].position
+        return position - self.position if position >= self.position else math.inf
 
     def readinto(self, into: memoryview) -> None:
         """Fill ``into`` with the bytes that come next.
@@ -242,9 +263,11 @@ class GzipSource(FlatSource):
             )
         self._checked = False
         self._lock = threading.Lock()
-        self._reader = GzipReader(
+        reader = GzipReader(
             layout.path, layout.stream_offset_nbytes, self._end, layout.deflate_crc32
         )
+        self._readers = [reader]  # the one that was used last is the last
+        self._most_readers = min(description.nc, _MOST_READERS)
 
     @property
     def ascending(self) -> bool:
@@ -256,15 +279,35 @@ class GzipSource(FlatSource):
             return super()._read_samples(box, t, c, nc)
 
     def _read_at(self, position: int, into: memoryview) -> None:
-        self._reader.seek(position)
-        self._reader.readinto(into)
-        if self._reader.position == self._end and not self._checked:
-            surplus = self._reader.drain(_SURPLUS_LIMIT_NBYTES)
+        reader = self._reader_near(position)
+        reader.seek(position)
+        reader.readinto(into)
+        if reader.position == self._end and not self._checked:
+            surplus = reader.drain(_SURPLUS_LIMIT_NBYTES)
             self._checked = True
             if surplus:
                 self.warnings += (
                     f"{surplus} bytes or more follow the last voxel; check the sizes",
                 )
 
+    def _reader_near(self, position: int) -> GzipReader:
+        """The reader that has least to decode up to a position.
+
+        Channels that lie behind each other come to have a reader each, so that reading slabs of
+        all of them decodes each channel once, not from a mark for every slab.
+        """
+        readers = self._readers
+        nearest = min(readers, key=lambda reader: reader.distance(position, by_mark=False))
+        here = nearest.distance(position, by_mark=False)
+        if nearest.distance(position, by_mark=True) < here:  # then by a reader to spare
+            nearest = readers[0]
+            if len(readers) < self._most_readers:
+                nearest = nearest.fork()
+                readers.append(nearest)
+            nearest.rewind(position)
+        readers.remove(nearest)
+        readers.append(nearest)
+        return nearest
+
     def _close(self) -> None:
-        self._reader.close()
+        self._readers[0].close()  # all of them have one file

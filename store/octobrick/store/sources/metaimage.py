@@ -9,6 +9,7 @@ import re
 from pathlib import Path
 
 from octobrick.store.errors import SourceError, TruncatedSourceError, UnsupportedSourceError
+from octobrick.store.sources.axes import Axes, axes_of
 from octobrick.store.sources.base import Description, Direction, Source, Vector
 from octobrick.store.sources.flat import Layout
 from octobrick.store.sources.gzip_stream import GzipSource
@@ -57,23 +58,24 @@ def open_metaimage(path: Path) -> Source:
 
     Raises:
         SourceError: the header is damaged or describes more than the file holds.
-        UnsupportedSourceError: text data, several files or channels, another number of axes than
-            three, or a sample type that is not read.
+        UnsupportedSourceError: text data, several files, another number of axes than three (and
+            one of time), or a sample type that is not read.
         SourceNotFoundError: the data file does not exist.
     """
     fields, header_nbytes = _parse(read_head(path), path)
     with parsing(path, "MetaImage"):
-        description = _describe(fields, path)
-        data_path, start = _locate(fields, header_nbytes, description.nbytes, path)
+        axes = _axes(fields, path)
+        description = _describe(fields, axes, path)
+        nbytes = description.nbytes * axes.nt * axes.nc
+        data_path, start = _locate(fields, header_nbytes, nbytes, path)
         stored = description.dtype.newbyteorder(">" if _is_msb(fields) else "<")
         compressed = _flag(fields, "CompressedData")
         if compressed and "CompressedDataSize" in fields:
             _require_compressed(data_path, start, int(fields["CompressedDataSize"]))
+    layout = Layout(data_path, 0 if compressed else start, stored, strides=axes.strides())
     if compressed:
-        return GzipSource(
-            path, description, Layout(data_path, 0, stored, stream_offset_nbytes=start)
-        )
-    return RawSource(path, description, Layout(data_path, start, stored))
+        return GzipSource(path, description, layout.in_stream(start))
+    return RawSource(path, description, layout)
 
 
 def _parse(head: bytes, path: Path) -> tuple[Fields, int]:
@@ -100,64 +102,77 @@ def _parse(head: bytes, path: Path) -> tuple[Fields, int]:
     )
 
 
-def _describe(fields: Fields, path: Path) -> Description:
+def _axes(fields: Fields, path: Path) -> Axes:
+    """The axes: x, y, z and perhaps time; the channels of a voxel lie beside each other."""
     for key in ("DimSize", "ElementType"):
         if key not in fields:
             raise SourceError(
                 f"{path}: the MetaImage header lacks {key}; correct it or export the file again",
                 path=str(path),
             )
-    if int(fields.get("ElementNumberOfChannels", 1)) != 1:
-        raise UnsupportedSourceError(
-            f"{path}: voxels have {printable(fields['ElementNumberOfChannels'])} channels; "
-            "one is read for now; extract one channel and save it on its own",
-            path=str(path),
-        )
+    sizes = [int(size) for size in fields["DimSize"].split()]
+    if int(fields.get("NDims", len(sizes))) != len(sizes):
+        raise ValueError(f"NDims is {fields['NDims']} but DimSize has {len(sizes)} sizes")
+    if not 3 <= len(sizes) <= 4:
+        require_shape(sizes, path)  # says what was found
+    nc = int(fields.get("ElementNumberOfChannels", 1))
+    # Nothing tells colours from vectors; three or four bytes are what programs write for colours.
+    is_colour = nc in (3, 4) and _dtype_name(fields) == "uint8"
+    letters = ("s" if is_colour else "c") + "xyzt"[: len(sizes)]
+    return axes_of([nc, *sizes][::-1], letters[::-1], path)
+
+
+def _dtype_name(fields: Fields) -> str:
+    """Our name of the sample type, or MetaImage's own for one that is not read."""
+    kind = fields["ElementType"]
+    return _DTYPE_OF_TYPE.get(kind.removesuffix("_ARRAY"), kind)
+
+
+def _describe(fields: Fields, axes: Axes, path: Path) -> Description:
     if not _flag(fields, "BinaryData", default=True):
         raise UnsupportedSourceError(
             f"{path}: the voxels are text (BinaryData = False); save them as binary data",
             path=str(path),
         )
     notes: list[str] = []
-    sizes_xyz = [int(size) for size in fields["DimSize"].split()]
-    if int(fields.get("NDims", len(sizes_xyz))) != len(sizes_xyz):
-        raise ValueError(f"NDims is {fields['NDims']} but DimSize has {len(sizes_xyz)} sizes")
-    shape_zyx = require_shape(sizes_xyz, path)
-    kind = fields["ElementType"]
-    spacing_zyx = clean_spacing(_spacing_xyz(fields), notes)
-    direction = _direction(fields, notes)
-    origin_xyz = _origin(fields, notes)
+    ndim = len(axes.sizes) - 1
+    spacing_zyx = clean_spacing(_spacing_xyz(fields, ndim), notes)
+    direction = _direction(fields, ndim, notes)
+    origin_xyz = _origin(fields, ndim, notes)
     return Description(
         "metaimage",
-        shape_zyx,
-        require_dtype(_DTYPE_OF_TYPE.get(kind, kind), path),
+        axes.shape_zyx,
+        require_dtype(_dtype_name(fields), path),
         spacing_zyx,
         _UNIT_OF_NAME.get(fields.get("DistanceUnits", "").lower()),
         direction,
         None,
         tuple(notes),
         origin_xyz,
+        axes.nt,
+        axes.nc,
+        axes.channels,
     )
 
 
-def _spacing_xyz(fields: Fields) -> list[float]:
-    text = fields.get("ElementSpacing", fields.get("ElementSize", "1 1 1"))
-    return _floats(text, 3, "ElementSpacing")
+def _spacing_xyz(fields: Fields, ndim: int) -> list[float]:
+    text = fields.get("ElementSpacing", fields.get("ElementSize"))
+    return [1.0] * 3 if text is None else _floats(text, ndim, "ElementSpacing")[:3]
 
 
-def _direction(fields: Fields, notes: list[str]) -> Direction | None:
-    """Three numbers for each axis in turn: the columns of the matrix."""
+def _direction(fields: Fields, ndim: int, notes: list[str]) -> Direction | None:
+    """As many numbers as axes for each axis in turn: the columns of the matrix."""
     for key in ("TransformMatrix", "Orientation", "Rotation"):
         if key in fields:
-            numbers = _floats(fields[key], 9, key)
-            return direction_of([numbers[0:3], numbers[3:6], numbers[6:9]], notes)
+            numbers = _floats(fields[key], ndim * ndim, key)
+            return direction_of([numbers[i * ndim : i * ndim + 3] for i in range(3)], notes)
     return None
 
 
-def _origin(fields: Fields, notes: list[str]) -> Vector:
+def _origin(fields: Fields, ndim: int, notes: list[str]) -> Vector:
     for key in ("Offset", "Position", "Origin"):
         if key in fields:
-            return clean_origin(_floats(fields[key], 3, key), notes)
+            return clean_origin(_floats(fields[key], ndim, key)[:3], notes)
     return (0.0, 0.0, 0.0)
 
 

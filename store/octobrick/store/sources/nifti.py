@@ -18,6 +18,7 @@ from octobrick.store.errors import (
     TruncatedSourceError,
     UnsupportedSourceError,
 )
+from octobrick.store.sources.axes import Axes, axes_of
 from octobrick.store.sources.base import Description, Direction, Rescale, Source, Vector
 from octobrick.store.sources.flat import Layout
 from octobrick.store.sources.gzip_stream import GzipSource
@@ -50,7 +51,16 @@ _DTYPE_OF_CODE = {
     1280: "uint64",
     16: "float32",
     64: "float64",
+    128: "uint8",  # RGB24
+    2304: "uint8",  # RGBA32
 }
+# Samples of one colour, which lie beside each other.
+_COLOUR_OF_CODE = {128: 3, 2304: 4}
+_LABEL_INTENT = 1002
+_RGB_INTENTS = (2003, 2004)
+# Matrices, displacements and vectors: their components are the fifth axis. Files whose only
+# further axis is the fourth have them there, because some programs write them so.
+_VECTOR_INTENTS = (1004, 1005, 1006, 1007, *_RGB_INTENTS)
 # The lowest three bits of xyzt_units.
 _UNIT_OF_CODE = {1: "meter", 2: "millimeter", 3: "micrometer"}
 # pixdim and the sform say the spacing twice; files of float32 agree this well.
@@ -88,7 +98,7 @@ def open_nifti(path: Path) -> Source:
 
     Raises:
         SourceError: the header is damaged or describes more than the file holds.
-        UnsupportedSourceError: time steps, vectors or RGB, or a sample type that is not read.
+        UnsupportedSourceError: a sixth axis, fewer than three, or a sample type that is not read.
         SourceNotFoundError: half of a pair is missing.
         ResourceError: nibabel is not installed.
     """
@@ -97,12 +107,14 @@ def open_nifti(path: Path) -> Source:
     head = read_head_inflated(header_path, HEAD_NBYTES)
     version, order = _require_version(head, header_path)
     header = _parse(head[: version.header_nbytes], version, order, header_path)
-    description = _describe(header, version, header_path)
+    axes = _axes(header, header_path)
+    description = _describe(header, version, axes, header_path)
     is_pair = head[version.magic_offset :].startswith(version.pair_magic)
     data_path = _partner(header_path, ".img") if is_pair else header_path
     least = 0 if is_pair else version.header_nbytes + 4  # four bytes tell of extensions
     offset = _offset(header, least, header_path)
-    layout = Layout(data_path, offset, description.dtype.newbyteorder(order))
+    dtype = description.dtype.newbyteorder(order)
+    layout = Layout(data_path, offset, dtype, strides=axes.strides())
     if is_pair:  # the first bytes of an .img are voxels, which may look like anything
         compressed = data_path.suffix.lower() == ".gz"
     else:
@@ -165,9 +177,8 @@ def _parse(block: bytes, version: _Version, order: str, path: Path) -> Any:
         return header_class(block, endianness=order, check=False)  # type: ignore[no-untyped-call]
 
 
-def _describe(header: Any, version: _Version, path: Path) -> Description:
+def _describe(header: Any, version: _Version, axes: Axes, path: Path) -> Description:
     notes: list[str] = []
-    shape_zyx = require_shape(_sizes_xyz(header, path), path)
     dtype = require_dtype(_dtype_name(header), path)
     # Float32 sizes as their shortest decimals: 0.41, not 0.409999996...
     spacing_zyx = clean_spacing([float(str(size)) for size in header["pixdim"][1:4]], notes)
@@ -175,7 +186,7 @@ def _describe(header: Any, version: _Version, path: Path) -> Description:
     origin_xyz = _origin(header, notes)
     return Description(
         version.name,
-        shape_zyx,
+        axes.shape_zyx,
         dtype,
         spacing_zyx,
         _UNIT_OF_CODE.get(int(header["xyzt_units"]) & 7),
@@ -183,11 +194,15 @@ def _describe(header: Any, version: _Version, path: Path) -> Description:
         _rescale(header, path),
         tuple(notes),
         origin_xyz,
+        axes.nt,
+        axes.nc,
+        axes.channels,
+        labels=int(header["intent_code"]) == _LABEL_INTENT and dtype.kind in "iu",
     )
 
 
-def _sizes_xyz(header: Any, path: Path) -> list[int]:
-    """The sizes of three axes; steps of time or components beyond them may only be one."""
+def _axes(header: Any, path: Path) -> Axes:
+    """The axes: x, y, z, then time, then components; samples of a colour before all of them."""
     ndim, *dims = (int(size) for size in header["dim"])
     if not 1 <= ndim <= 7:
         raise SourceError(
@@ -196,9 +211,17 @@ def _sizes_xyz(header: Any, path: Path) -> list[int]:
             ndim=ndim,
         )
     sizes = dims[:ndim]
-    if all(size == 1 for size in sizes[3:]):
-        return sizes[:3]
-    return sizes  # refused by require_shape, which says what was found
+    intent, colour = int(header["intent_code"]), _COLOUR_OF_CODE.get(int(header["datatype"]))
+    if ndim < 3 or any(size != 1 for size in sizes[5:]):
+        require_shape(sizes, path)  # says what was found
+    component = "s" if intent in _RGB_INTENTS and colour is None else "c"
+    is_vector = intent in _VECTOR_INTENTS and sizes[4:5] in ([], [1])
+    letters, sizes = ("xyz" + (component if is_vector else f"t{component}"))[:ndim], sizes[:5]
+    if is_vector:
+        sizes = sizes[:4]
+    if colour is not None:
+        letters, sizes = "s" + letters, [colour, *sizes]
+    return axes_of(sizes[::-1], letters[::-1], path)
 
 
 def _dtype_name(header: Any) -> str:
@@ -264,7 +287,7 @@ def _qform(header: Any) -> Any:
 def _rescale(header: Any, path: Path) -> Rescale | None:
     """scl_slope and scl_inter; a slope of zero (or none) means that samples are values."""
     slope, intercept = float(str(header["scl_slope"])), float(str(header["scl_inter"]))
-    if slope == 0 or not np.isfinite(slope):
+    if slope == 0 or not np.isfinite(slope) or int(header["datatype"]) in _COLOUR_OF_CODE:
         return None
     if not np.isfinite(intercept):
         raise SourceError(

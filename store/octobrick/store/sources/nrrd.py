@@ -14,8 +14,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from octobrick.codec.errors import InvalidInputError
 from octobrick.store.errors import SourceError, UnsupportedSourceError
-from octobrick.store.sources.base import Description, Direction, Source, Vector
+from octobrick.store.sources.axes import Axes, axes_of
+from octobrick.store.sources.base import Description, Direction, Pick, Source, Vector
 from octobrick.store.sources.flat import Layout
 from octobrick.store.sources.gzip_stream import GzipSource
 from octobrick.store.sources.head import (
@@ -28,6 +30,7 @@ from octobrick.store.sources.head import (
     read_head,
     require_file,
 )
+from octobrick.store.sources.nrrd_axes import letters_of
 from octobrick.store.sources.raw import RawSource
 from octobrick.store.sources.voxels import (
     LPS_OF_RAS,
@@ -35,7 +38,6 @@ from octobrick.store.sources.voxels import (
     clean_spacing,
     direction_of,
     require_dtype,
-    require_shape,
 )
 
 MAGIC = b"NRRD000"
@@ -69,19 +71,31 @@ _MOST_AXES = 16  # of the format
 _SKIP_NBYTES = 1 << 16
 
 
-def open_nrrd(path: Path) -> Source:
+def open_nrrd(path: Path, pick: Pick) -> Source:
     """A NRRD file; spacing and direction from space directions, or else spacing from spacings.
+
+    Args:
+        path: the file.
+        pick: ``axes`` names the axes, slowest first, where kinds and space directions do not.
 
     Raises:
         SourceError: the header is damaged or describes more than the file holds.
-        UnsupportedSourceError: another encoding than raw and gzip, several data files, another
-            number of axes than three, or a sample type that is not read.
+        UnsupportedSourceError: another encoding than raw and gzip, several data files, two axes
+            of channels or of time, or a sample type that is not read.
+        InvalidInputError: axes that do not fit, or none where the header leaves them open; a
+            dataset.
         SourceNotFoundError: the data file does not exist.
         ResourceError: pynrrd is not installed.
     """
+    if pick.dataset is not None:
+        raise InvalidInputError(
+            f"{path}: holds one array; leave out --dataset",
+            path=str(path),
+            dataset=printable(pick.dataset),
+        )
     lines, header_nbytes = _header_lines(path)
     header = _parse(lines, path)
-    description = _describe(header, path)
+    axes, description = _describe(header, pick.axes, path)
     data_path, start = path, header_nbytes
     if (name := _get(header, "data file")) is not None:
         data_path, start = locate_data(path, name)[0], 0
@@ -101,13 +115,15 @@ def open_nrrd(path: Path) -> Source:
                 "leave it out of the header",
                 path=str(path),
             )
-        return GzipSource(
-            path, description, Layout(data_path, skip, stored, stream_offset_nbytes=start)
-        )
+        layout = Layout(data_path, skip, stored, strides=axes.strides())
+        return GzipSource(path, description, layout.in_stream(start))
     if skip < 0:
+        nbytes = description.nbytes * axes.nt * axes.nc
         # Never before where data can begin: then they are too short, and RawSource says so.
-        start, skip = max(start, require_file(data_path) - description.nbytes), 0
-    return RawSource(path, description, Layout(data_path, start + skip, stored))
+        start, skip = max(start, require_file(data_path) - nbytes), 0
+    return RawSource(
+        path, description, Layout(data_path, start + skip, stored, strides=axes.strides())
+    )
 
 
 def _header_lines(path: Path) -> tuple[list[bytes], int]:
@@ -157,33 +173,60 @@ def _parse(lines: list[bytes], path: Path) -> dict[str, Any]:
     return header
 
 
-def _describe(header: dict[str, Any], path: Path) -> Description:
+def _describe(header: dict[str, Any], letters: str | None, path: Path) -> tuple[Axes, Description]:
     notes: list[str] = []
     kind = str(header["type"])
     dtype = require_dtype(_DTYPE_OF_TYPE.get(kind.lower(), kind), path)
     with parsing(path, "NRRD"):
+        sizes = [int(size) for size in header["sizes"]]
         directions = _directions(header)
-        axes = _three_axes([int(size) for size in header["sizes"]], directions)
-        shape_zyx = require_shape([int(header["sizes"][axis]) for axis in axes], path)
-        unit = _unit(header, axes, notes)
-        direction = None
-        origin_xyz = (0.0, 0.0, 0.0)
-        if directions is not None:
-            vectors = [directions[axis] for axis in axes]
-            spacing_zyx = clean_spacing([math.hypot(*vector) for vector in vectors], notes)
-            direction = _direction(header, vectors, notes)
-            origin_xyz = _origin(header, notes)
-        elif "spacings" in header:
-            spacing_zyx = clean_spacing([float(header["spacings"][axis]) for axis in axes], notes)
+        if letters is None:  # fastest first, as the header has them
+            letters = letters_of(sizes, header.get("kinds"), directions, path)[::-1]
+            # A blank stands for an axis of one sample that means nothing.
+            kept = [size for size, letter in zip(sizes, letters[::-1], strict=True) if letter > " "]
+            axes = axes_of(kept[::-1], letters.replace(" ", ""), path)
         else:
-            spacing_zyx = (1.0, 1.0, 1.0)
-    return Description(
-        "nrrd", shape_zyx, dtype, spacing_zyx, unit, direction, None, tuple(notes), origin_xyz
+            axes = axes_of(sizes[::-1], letters, path)
+        space = [letters[::-1].index(letter) for letter in "xyz" if letter in letters]
+        unit = _unit(header, space, notes)
+        spacing_zyx, direction, origin_xyz = _place(header, directions, space, notes)
+    return axes, Description(
+        "nrrd",
+        axes.shape_zyx,
+        dtype,
+        spacing_zyx,
+        unit,
+        direction,
+        None,
+        tuple(notes),
+        origin_xyz,
+        axes.nt,
+        axes.nc,
+        axes.channels,
     )
 
 
+def _place(
+    header: dict[str, Any],
+    directions: list[list[float]] | None,
+    space: Sequence[int],
+    notes: list[str],
+) -> tuple[Vector, Direction | None, Vector]:
+    """Spacing (z, y, x), direction and origin from what the header says of the axes of space."""
+    if len(space) < 3:  # a caller says so, and knows what the spacing is
+        return (1.0, 1.0, 1.0), None, (0.0, 0.0, 0.0)
+    if directions is not None:
+        vectors = [directions[axis] for axis in space]
+        spacing_zyx = clean_spacing([math.hypot(*vector) for vector in vectors], notes)
+        return spacing_zyx, _direction(header, vectors, notes), _origin(header, notes)
+    if "spacings" in header:
+        spacings = [float(header["spacings"][axis]) for axis in space]
+        return clean_spacing(spacings, notes), None, (0.0, 0.0, 0.0)
+    return (1.0, 1.0, 1.0), None, (0.0, 0.0, 0.0)
+
+
 def _directions(header: dict[str, Any]) -> list[list[float]] | None:
-    """The vector of each axis; NaN for an axis that is not of space (``none``)."""
+    """The vector of each axis in space; NaN for an axis that is not of space (``none``)."""
     given = header.get("space directions")
     if given is None:
         return None
@@ -191,17 +234,14 @@ def _directions(header: dict[str, Any]) -> list[list[float]] | None:
     rows = [nowhere if row is None else [float(c) for c in row] for row in given]
     if len(rows) != len(header["sizes"]):
         raise ValueError(f"{len(rows)} space directions for {len(header['sizes'])} axes")
+    if _has_time(header):  # the fourth component is time; an axis of time alone is none of space
+        rows = [row[:3] if any(row[:3]) else nowhere for row in rows]
     return rows
 
 
-def _three_axes(sizes: Sequence[int], directions: list[list[float]] | None) -> list[int]:
-    """The axes that are left when axes of one sample are dropped, those outside space first."""
-    axes = list(range(len(sizes)))
-    single = [axis for axis in reversed(axes) if sizes[axis] == 1]
-    single.sort(key=lambda axis: directions is None or not math.isnan(directions[axis][0]))
-    for axis in single[: max(0, len(axes) - 3)]:
-        axes.remove(axis)
-    return axes
+def _has_time(header: dict[str, Any]) -> bool:
+    """Whether the space of the file has time as its fourth axis."""
+    return str(header.get("space", "")).lower().endswith(("-time", "st"))
 
 
 def _direction(
@@ -241,6 +281,8 @@ def _to_lps(header: dict[str, Any]) -> Vector | None:
 def _unit(header: dict[str, Any], axes: list[int], notes: list[str]) -> str | None:
     """The one unit of all axes of space."""
     given = header.get("space units")
+    if given is not None and _has_time(header):
+        given = list(given)[:3]
     if given is None and (units := header.get("units")):
         given = [units[axis] for axis in axes]
     names = sorted({str(name).strip().lower() for name in given or ()} - {"", "???", "none"})

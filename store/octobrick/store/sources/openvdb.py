@@ -15,19 +15,22 @@ from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box
 from octobrick.store.errors import SourceError, TruncatedSourceError, UnsupportedSourceError
 from octobrick.store.openvdb import import_vdb
-from octobrick.store.sources.base import RGB, Channel, Description, Direction, Pick, Source, Vector
+from octobrick.store.sources.base import Description, Pick, Source
 from octobrick.store.sources.head import printable, require_file
-from octobrick.store.sources.voxels import clean_spacing, direction_of, require_shape
+from octobrick.store.sources.vdb_grid import (
+    Xyz,
+    choose_grid,
+    finite_background,
+    no_active_voxel,
+    place_of,
+    vector_channels,
+)
+from octobrick.store.sources.voxels import require_shape
 
 if TYPE_CHECKING:
-    from octobrick.store._vdb import Grid, GridInfo, Transform
+    from octobrick.store._vdb import Grid, GridInfo
 
 MAGIC = b" BDV\0\0\0\0"
-
-# Names that are quoted in a message: scenes have tens, a hostile file thousands.
-_QUOTED_GRIDS = 20
-
-Xyz = tuple[int, int, int]
 
 
 class OpenvdbSource(Source):
@@ -93,39 +96,16 @@ def open_openvdb(path: Path, pick: Pick) -> Source:
     vdb = import_vdb(f"{path}: reading this format")
     with _reading(path, vdb):
         file = vdb.list_grids(str(path))
-        index = _choose(file.grids, pick.dataset, path)
+        grids = [(grid.name, grid.value_type) for grid in file.grids]
+        index = choose_grid(grids, pick.dataset, path)
         info = file.grids[index]
         _require_readable(info, path)
         grid = vdb.load_grid(str(path), file, index)
         active = grid.active_box()
     if active is None:
-        raise SourceError(
-            f"{path}: grid {printable(info.name)!r} has no active voxel; nothing is there to read",
-            path=str(path),
-            grid=info.name,
-        )
+        raise no_active_voxel(info.name, path)
     start_xyz, shape_xyz = active
     return OpenvdbSource(path, _describe(info, grid, start_xyz, shape_xyz, path), grid, start_xyz)
-
-
-def _choose(grids: list[GridInfo], name: str | None, path: Path) -> int:
-    """Which grid of a file is meant."""
-    names = [grid.name for grid in grids]
-    if not names:
-        raise SourceError(f"{path}: holds no grid; export the file again", path=str(path))
-    if name is None and len(names) == 1:
-        return 0
-    if name in names:
-        return names.index(name)
-    listed = ", ".join(
-        f"{printable(grid.name)} ({printable(grid.value_type)})" for grid in grids[:_QUOTED_GRIDS]
-    )
-    found = "holds several grids" if name is None else f"holds no grid {printable(name)!r}"
-    raise InvalidInputError(
-        f"{path}: {found}; choose one by --dataset NAME: {listed}",
-        path=str(path),
-        grids=names[:_QUOTED_GRIDS],
-    )
 
 
 def _require_readable(info: GridInfo, path: Path) -> None:
@@ -150,51 +130,21 @@ def _describe(
     info: GridInfo, grid: Grid, start_xyz: Xyz, shape_xyz: Xyz, path: Path
 ) -> Description:
     notes: list[str] = []
-    spacing_zyx, direction, origin_xyz = _place(info.transform, start_xyz, notes)
+    transform = info.transform
+    place = place_of(transform.linear, transform.translation, start_xyz, notes)
     is_vector = grid.components == 3
     return Description(
         "openvdb",
         require_shape(shape_xyz, path),
         np.dtype(grid.sample_type),
-        spacing_zyx,
-        direction=direction,
-        origin_xyz=origin_xyz,
+        place.spacing_zyx,
+        direction=place.direction,
+        origin_xyz=place.origin_xyz,
         nc=grid.components,
-        channels=_channels(info.name) if is_vector else (),
-        background=0 if is_vector else _finite(grid.background(), notes),
+        channels=vector_channels(info.name) if is_vector else (),
+        background=0 if is_vector else finite_background(grid.background(), notes),
         warnings=tuple(notes),
     )
-
-
-def _channels(name: str) -> tuple[Channel, ...]:
-    """The components of a vector: red, green and blue by the custom of the name, else x, y, z."""
-    if name.lower() in ("cd", "color", "colour", "rgb", "albedo"):
-        return RGB
-    return tuple(Channel(axis) for axis in "xyz")
-
-
-def _place(
-    transform: Transform, start_xyz: Xyz, notes: list[str]
-) -> tuple[Vector, Direction | None, Vector]:
-    """Spacing (z, y, x), direction where axes are turned, and where the first voxel lies."""
-    axes = np.array(transform.linear, dtype=np.float64)  # row i: the step along index axis i
-    with np.errstate(all="ignore"):
-        spacing_zyx = clean_spacing([float(np.linalg.norm(axis)) for axis in axes], notes)
-        origin = np.array(start_xyz) @ axes + np.array(transform.translation)
-    if not np.isfinite(origin).all():
-        notes.append("the transform places the grid nowhere; origin 0 is used")
-        origin = np.zeros(3)
-    is_turned = not np.array_equal(axes, np.abs(np.diag(np.diag(axes))))
-    direction = direction_of(axes.tolist(), notes) if is_turned else None
-    x, y, z = (float(place) for place in origin)
-    return spacing_zyx, direction, (x, y, z)
-
-
-def _finite(background: float, notes: list[str]) -> float:
-    if np.isfinite(background):
-        return background
-    notes.append(f"the background is {background} in the grid; 0 is used where it is asked for")
-    return 0.0
 
 
 @contextmanager

@@ -69,8 +69,8 @@ def require_shape(sizes_xyz: Sequence[int], path: Path) -> Zyx:
     if len(sizes) != 3:
         raise UnsupportedSourceError(
             f"{path}: the header describes {len(sizes)} axes of {sizes[:_QUOTED_AXES]} samples "
-            "(fastest first); one 3D scalar volume is read for now; extract one and save it "
-            "on its own",
+            "(fastest first); a volume has three of space; extract one volume and save it on "
+            "its own",
             path=str(path),
             sizes=sizes[:_QUOTED_AXES],
         )
