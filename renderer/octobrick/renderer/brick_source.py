@@ -7,7 +7,7 @@ and so does the in-memory source of the tests. The renderer never imports any of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from octobrick.store.box import Zyx
 Xyz = tuple[float, float, float]
 
 
+@runtime_checkable
 class BlockCode(Protocol):
     """The parameters of S3Dc that fix the layout of a brick's bytes."""
 
@@ -70,8 +71,12 @@ class BrickSource(Protocol):
         """uint8, int8, uint16, int16 or float32."""
 
     @property
-    def codec(self) -> BlockCode | None:
-        """S3Dc parameters of every brick; None where bricks are raw little-endian voxels."""
+    def codec(self) -> object:
+        """A `BlockCode` of every brick; None where bricks are raw little-endian voxels.
+
+        Anything else, such as zerobit, is not drawn by itself: the volume then has a method
+        ``brick`` that gives decoded voxels, as `octobrick.store.Volume` does.
+        """
 
     @property
     def brick_shape_zyx(self) -> Zyx:

@@ -13,6 +13,7 @@ import numpy as np
 
 from octobrick.codec.errors import UnsupportedError
 from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.decoded_bricks import is_drawn
 from octobrick.store.box import Zyx, ceil_div
 
 TexelsXyz = tuple[int, int, int]
@@ -88,13 +89,15 @@ class CodeLayout:
             )
         if source.codec is None:
             return cls(dtype.name, brick, None, 0, (_part("voxels", 1, dtype, brick[::-1]),))
-        block, bits = source.codec.block, source.codec.bits
-        if bits is None or source.codec.scale != "linear":
+        codec = source.codec
+        if not is_drawn(codec):
             raise UnsupportedError(
                 f"the renderer decodes S3Dc at a fixed rate and with a linear scale, not "
-                f"{source.codec}; ingest the volume with bits",
-                codec=str(source.codec),
+                f"{codec!s:.200}; ingest the volume with bits",
+                codec=f"{codec!s:.200}",
             )
+        block, bits = codec.block, codec.bits
+        assert bits is not None
         blocks_xyz = tuple(ceil_div(n, b) for n, b in zip(brick, block, strict=True))[::-1]
         words_xyz = (ceil_div(brick[2] * bits, 16), brick[1], brick[0])
         parts = (

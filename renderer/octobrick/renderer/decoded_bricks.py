@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.brick_source import BlockCode, BrickSource
 from octobrick.store.box import Zyx
 
 
@@ -19,7 +19,7 @@ class _Decoding(BrickSource, Protocol):
 class DecodedBricks:
     """Decodes bricks on the CPU as they are uploaded; all else is the volume's.
 
-    Bricks of variable rate then take as much GPU memory as raw ones.
+    Bricks of variable rate, or of zerobit, then take as much GPU memory as raw ones.
     """
 
     codec = None
@@ -39,10 +39,15 @@ class DecodedBricks:
         return np.ascontiguousarray(voxels, voxels.dtype.newbyteorder("<")).tobytes()
 
 
+def is_drawn(codec: object) -> TypeGuard[BlockCode]:
+    """Whether the GPU decodes codes of this codec: S3Dc at a fixed rate, with a linear scale."""
+    return isinstance(codec, BlockCode) and codec.bits is not None and codec.scale == "linear"
+
+
 def drawable(volume: BrickSource) -> BrickSource:
     """The volume itself where the GPU decodes its bricks, else one that the CPU decodes."""
     codec = volume.codec
-    if codec is None or (codec.bits is not None and codec.scale == "linear"):
+    if codec is None or is_drawn(codec):
         return volume
     if not hasattr(volume, "brick"):
         return volume  # which the code layout refuses, naming the codec

@@ -12,6 +12,7 @@ from octobrick.server.catalog import Catalog, OpenVolume
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
 from octobrick.store import Volume
 from octobrick.store.box import Zyx
+from octobrick.store.brick_codec import codec_text
 
 Headers = dict[str, str]
 
@@ -158,10 +159,7 @@ def _description(lent: OpenVolume, address: BrickAddress) -> Headers:
 
 def codec_name(volume: Volume) -> str:
     """The brick codec with its parameters, such as ``s3dc; block=8,8,8; bits=4``, or ``raw``."""
-    codec = volume.codec
-    if codec is None:
-        return "raw"
-    return f"s3dc; block={','.join(str(n) for n in codec.block)}; bits={codec.bits}"
+    return codec_text(volume.codec)
 
 
 def _weight(parameters: str) -> float:

@@ -15,22 +15,15 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from octobrick.codec import S3dc
 from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Zyx, ceil_div
+from octobrick.store.brick_codec import BrickCodec, codec_from_json, codec_to_json, require_codec
 from octobrick.store.errors import VolumeFormatError
 from octobrick.store.pyramid import REDUCERS
 from octobrick.store.shard import DIGEST_NBYTES
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
-from octobrick.store.zarr_codec import (
-    S3DC_NAME,
-    require_volume_codec,
-    s3dc_configuration,
-    s3dc_from_configuration,
-)
 
 FORMAT_VERSION = 1
-BYTES_NAME = "bytes"
 # A reader allocates a brick and a shard index on the word of the metadata: these bound both.
 BRICK_MIN, BRICK_MAX = 8, 256
 SHARD_BRICKS_MAX = 64
@@ -60,7 +53,7 @@ class VolumeAttributes:
     dtype: str
     brick: int
     shard_bricks: int
-    codec: S3dc | None
+    codec: BrickCodec
     nt: int
     nc: int
     spacing_zyx: tuple[float, float, float]
@@ -82,7 +75,7 @@ class VolumeAttributes:
             "dtype": self.dtype,
             "brick": [self.brick] * 3,
             "shard": [self.shard_bricks] * 3,
-            "codec": _codec_to_json(self.codec),
+            "codec": codec_to_json(self.codec),
             "timepoints": self.nt,
             "channels": self.nc,
             "spacing": list(self.spacing_zyx),
@@ -130,7 +123,7 @@ class VolumeAttributes:
             dtype=dtype,
             brick=brick,
             shard_bricks=shard,
-            codec=checked.codec(),
+            codec=checked.codec(dtype),
             nt=checked.count("timepoints"),
             nc=checked.count("channels"),
             spacing_zyx=(z, y, x),
@@ -153,12 +146,6 @@ def python_number(value: np.generic | Number) -> Number:
     """A sample value as the int or float that JSON can hold."""
     number = value.item() if isinstance(value, np.generic) else value
     return cast("Number", number)
-
-
-def _codec_to_json(codec: S3dc | None) -> dict[str, Json]:
-    if codec is None:
-        return {"name": BYTES_NAME}
-    return {"name": S3DC_NAME, "configuration": s3dc_configuration(codec)}
 
 
 class _Fields:
@@ -214,16 +201,13 @@ class _Fields:
             raise self.wrong(name, "three equal integers")
         return int(value[0])
 
-    def codec(self) -> S3dc | None:
-        value = self.get("codec", dict)
-        if value == {"name": BYTES_NAME}:
-            return None
+    def codec(self, dtype: str) -> BrickCodec:
         try:
-            if value.get("name") == S3DC_NAME:
-                return require_volume_codec(s3dc_from_configuration(value.get("configuration")))
+            return require_codec(codec_from_json(self.get("codec", dict)), np.dtype(dtype))
+        except VolumeFormatError:
+            raise
         except OctobrickError as error:
             raise VolumeFormatError(f"{self.where}: {error.message}", field="codec") from error
-        raise self.wrong("codec", f"{BYTES_NAME} or {S3DC_NAME}; a newer octobrick may know it")
 
     def levels(self) -> tuple[LevelAttributes, ...]:
         values = self.get("levels", list)

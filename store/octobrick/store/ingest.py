@@ -8,8 +8,8 @@ from pathlib import Path
 
 from numpy.typing import DTypeLike
 
-from octobrick.codec import S3dc
 from octobrick.store.box import Box, Zyx
+from octobrick.store.brick_codec import BrickCodec
 from octobrick.store.destination import staged
 from octobrick.store.ingest_options import DEFAULT_CODEC, IngestOptions
 from octobrick.store.ingest_run import IngestRun
@@ -24,7 +24,7 @@ def ingest(
     source: str | os.PathLike[str],
     dest: str | os.PathLike[str],
     *,
-    codec: S3dc | None = DEFAULT_CODEC,
+    codec: BrickCodec = DEFAULT_CODEC,
     brick: int = 64,
     shard: int = 4,
     zstd_level: int = 3,
@@ -58,8 +58,8 @@ def ingest(
     Args:
         source: a file of a format that :mod:`octobrick.store.sources` reads.
         dest: the volume's folder, by custom ``NAME.zarr``.
-        codec: the fixed-layout code of the bricks, or None to keep voxels exactly; labels are
-            kept exactly unless told otherwise.
+        codec: what bricks are coded by, S3dc or Zerobit, or None to keep voxels exactly; labels
+            are kept exactly unless told otherwise.
         brick: voxels per brick and axis, even, 8 to 256.
         shard: bricks per shard and axis.
         zstd_level: effort of the entropy layer, 1 to 19.

@@ -11,9 +11,9 @@ from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store import attributes as attrs
 from octobrick.store.box import Box
+from octobrick.store.brick_codec import BrickCodec, codec_text, codec_to_json, require_codec
 from octobrick.store.pyramid import REDUCERS
 from octobrick.store.sources import Source
-from octobrick.store.zarr_codec import require_volume_codec, s3dc_configuration
 
 DEFAULT_CODEC = S3dc(block=(8, 8, 8), bits=4)
 
@@ -27,7 +27,7 @@ class IngestOptions:
         UnsupportedError: a codec whose codes volumes cannot hold.
     """
 
-    codec: S3dc | None
+    codec: BrickCodec
     brick: int
     shard: int
     zstd_level: int
@@ -42,8 +42,7 @@ class IngestOptions:
     checkpoint_seconds: float
 
     def __post_init__(self) -> None:
-        if self.codec is not None:
-            require_volume_codec(self.codec)
+        require_codec(self.codec)
         _require("brick", self.brick, attrs.BRICK_MIN, attrs.BRICK_MAX)
         if self.brick % 2:
             raise InvalidInputError(f"brick {self.brick}: must be even", brick=self.brick)
@@ -69,18 +68,20 @@ class IngestOptions:
         """What makes the coarser levels: as asked, else the mode of labels and the mean."""
         return self.reducer or ("mode" if self.has_labels(source) else "mean")
 
-    def codec_of(self, source: Source) -> S3dc | None:
+    def codec_of(self, source: Source) -> BrickCodec:
         """The bricks' code: as asked, else labels are kept exactly.
 
         Raises:
-            InvalidInputError: a lossy codec was asked for, but a label has no neighbours.
+            InvalidInputError: a lossy codec was asked for, but a label has no neighbours; or one
+                with a codebook or background of another sample type.
+            UnsupportedError: the codec cannot code the source's sample type.
         """
         if not self.has_labels(source) or self.codec is None:
-            return self.codec
+            return require_codec(self.codec, source.dtype)
         if self.codec is not DEFAULT_CODEC:
             raise InvalidInputError(
-                f"{source.path}: labels are stored exactly, not by {self.codec}; choose lossless, "
-                "or say that these voxels are quantities (labels=False)",
+                f"{source.path}: labels are stored exactly, not by {codec_text(self.codec)}; "
+                "choose lossless, or say that these voxels are quantities (labels=False)",
                 path=str(source.path),
             )
         return None
@@ -93,7 +94,7 @@ class IngestOptions:
         """Everything that the bytes of a volume depend on, beside its source."""
         region = self.region and [list(self.region.start_zyx), list(self.region.stop_zyx)]
         return {
-            "codec": None if self.codec is None else s3dc_configuration(self.codec),
+            "codec": codec_to_json(self.codec),
             "brick": self.brick,
             "shard": self.shard,
             "zstd_level": self.zstd_level,

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from zarr.codecs import BytesCodec, ZstdCodec
+from zarr.codecs import ZstdCodec
 
-from octobrick.codec import S3dc
 from octobrick.store.attributes import VolumeAttributes
-from octobrick.store.zarr_codec import S3dcZarrCodec
+from octobrick.store.brick_codec import BrickCodec, zarr_serializer
 
 MANIFEST_NAME = "manifest.json"
 METADATA_NBYTES_MAX = 64 * 2**20  # a manifest of half a million shards; more is not ours
@@ -32,7 +31,7 @@ def level_array(
     shape_tczyx: tuple[int, int, int, int, int],
     dtype: np.dtype[np.generic],
     *,
-    codec: S3dc | None,
+    codec: BrickCodec,
     brick: int,
     shard_bricks: int,
     zstd_level: int,
@@ -44,11 +43,7 @@ def level_array(
         dtype=dtype,
         chunks=(1, 1, *(brick,) * 3),
         shards=(1, 1, *(brick * shard_bricks,) * 3),
-        serializer=(
-            BytesCodec(endian=None if dtype.itemsize == 1 else "little")
-            if codec is None
-            else S3dcZarrCodec(codec)
-        ),
+        serializer=zarr_serializer(codec, dtype),
         compressors=ZstdCodec(level=zstd_level, checksum=True),
         fill_value=0,
         dimension_names=_AXES,
