@@ -124,6 +124,6 @@ def test_no_code_is_longer_than_a_reader_allows(
 
 def test_a_frame_that_unpacks_to_more_than_a_code_is_refused(ingested: Ingested) -> None:
     volume = ingested(smooth((16, 16, 16)), codec=Zerobit(), brick=16)
-    hostile = zstd_frame.compress(bytes(volume.code_nbytes_max + 1), 3)
+    hostile = zstd_frame.compress(bytes(volume.code_nbytes_max(0) + 1), 3)
     with pytest.raises(CorruptBrickError, match="at most"):
-        volume.decompressed(hostile)
+        volume.decompressed(hostile, 0)

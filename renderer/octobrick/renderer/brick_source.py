@@ -71,14 +71,6 @@ class BrickSource(Protocol):
         """uint8, int8, uint16, int16 or float32."""
 
     @property
-    def codec(self) -> object:
-        """A `BlockCode` of every brick; None where bricks are raw little-endian voxels.
-
-        Anything else, such as zerobit, is not drawn by itself: the volume then has a method
-        ``brick`` that gives decoded voxels, as `octobrick.store.Volume` does.
-        """
-
-    @property
     def brick_shape_zyx(self) -> Zyx:
         """Voxels of a brick along each axis."""
 
@@ -105,6 +97,13 @@ class BrickSource(Protocol):
     @property
     def revision(self) -> str:
         """Changes whenever any brick's bytes do."""
+
+    def level_codec(self, level: int) -> object:
+        """A `BlockCode` of a level's bricks; None where these are raw little-endian voxels.
+
+        Anything else, such as zerobit, is not drawn by itself: the volume then has a method
+        ``brick`` that gives decoded voxels, as `octobrick.store.Volume` does.
+        """
 
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """S3Dc code or raw voxels, ready for upload; None for an absent brick."""

@@ -57,7 +57,7 @@ class CodePart:
 
 @dataclass(frozen=True, slots=True)
 class CodeLayout:
-    """Everything that decoding depends on, the same for all bricks of a volume.
+    """Everything that decoding depends on, the same for all bricks of a level.
 
     Attributes:
         dtype: NumPy name of the sample type.
@@ -74,8 +74,8 @@ class CodeLayout:
     parts: tuple[CodePart, ...]
 
     @classmethod
-    def of(cls, source: BrickSource) -> CodeLayout:
-        """The layout of a volume's bricks.
+    def of(cls, source: BrickSource, level: int) -> CodeLayout:
+        """The layout of the bricks of a level; voxels in the slab are the same for all levels.
 
         Raises:
             UnsupportedError: for a sample type without a texture format.
@@ -87,9 +87,9 @@ class CodeLayout:
                 "with one of these types",
                 dtype=str(dtype),
             )
-        if source.codec is None:
+        codec = source.level_codec(level)
+        if codec is None:
             return cls(dtype.name, brick, None, 0, (_part("voxels", 1, dtype, brick[::-1]),))
-        codec = source.codec
         if not is_drawn(codec):
             raise UnsupportedError(
                 f"the renderer decodes S3Dc at a fixed rate and with a linear scale, not "

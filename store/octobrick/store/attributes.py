@@ -40,10 +40,22 @@ class LevelAttributes:
     """What is known of one level beside its voxels; ``psnr_db`` is None where nothing was lost."""
 
     shape_zyx: Zyx
+    codec: BrickCodec
     stored_nbytes: int
     max_error: Number
     rmse: float
     psnr_db: float | None
+
+    def to_json(self, usual: BrickCodec) -> dict[str, Json]:
+        """The level as JSON-ready values; its codec only where that is another than usual."""
+        fields = {
+            "shape": list(self.shape_zyx),
+            "stored_nbytes": self.stored_nbytes,
+            "max_error": self.max_error,
+            "rmse": self.rmse,
+            "psnr_db": self.psnr_db,
+        }
+        return fields if self.codec == usual else fields | {"codec": codec_to_json(self.codec)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +65,6 @@ class VolumeAttributes:
     dtype: str
     brick: int
     shard_bricks: int
-    codec: BrickCodec
     nt: int
     nc: int
     spacing_zyx: tuple[float, float, float]
@@ -63,6 +74,11 @@ class VolumeAttributes:
     value_range: tuple[Number, Number]
     window: tuple[Number, Number]
     source: Mapping[str, Json]
+
+    @property
+    def codec(self) -> BrickCodec:
+        """What the bricks of level 0 are coded by."""
+        return self.levels[0].codec
 
     def revision(self, manifest: Json) -> str:
         """The digest of these attributes and the manifest of the shards: of all the content."""
@@ -81,16 +97,7 @@ class VolumeAttributes:
             "spacing": list(self.spacing_zyx),
             "unit": self.unit,
             "reducer": self.reducer,
-            "levels": [
-                {
-                    "shape": list(level.shape_zyx),
-                    "stored_nbytes": level.stored_nbytes,
-                    "max_error": level.max_error,
-                    "rmse": level.rmse,
-                    "psnr_db": level.psnr_db,
-                }
-                for level in self.levels
-            ],
+            "levels": [level.to_json(self.codec) for level in self.levels],
             "value_range": list(self.value_range),
             "window": list(self.window),
             "source": dict(self.source),
@@ -123,13 +130,12 @@ class VolumeAttributes:
             dtype=dtype,
             brick=brick,
             shard_bricks=shard,
-            codec=checked.codec(dtype),
             nt=checked.count("timepoints"),
             nc=checked.count("channels"),
             spacing_zyx=(z, y, x),
             unit=checked.optional_text("unit"),
             reducer=reducer,
-            levels=checked.levels(),
+            levels=checked.levels(np.dtype(dtype)),
             value_range=cast("tuple[Number, Number]", tuple(checked.numbers("value_range", 2))),
             window=cast("tuple[Number, Number]", tuple(checked.numbers("window", 2))),
             source=checked.get("source", dict),
@@ -201,25 +207,24 @@ class _Fields:
             raise self.wrong(name, "three equal integers")
         return int(value[0])
 
-    def codec(self, dtype: str) -> BrickCodec:
+    def _codec(self, value: Json, dtype: np.dtype[Any]) -> BrickCodec:
         try:
-            return require_codec(codec_from_json(self.get("codec", dict)), np.dtype(dtype))
-        except VolumeFormatError:
-            raise
+            return require_codec(codec_from_json(value), dtype)
         except OctobrickError as error:
             raise VolumeFormatError(f"{self.where}: {error.message}", field="codec") from error
 
-    def levels(self) -> tuple[LevelAttributes, ...]:
+    def levels(self, dtype: np.dtype[Any]) -> tuple[LevelAttributes, ...]:
+        usual = self._codec(self.get("codec", dict), dtype)
         values = self.get("levels", list)
         if not 1 <= len(values) <= LEVELS_MAX:
             raise self.wrong("levels", f"1 to {LEVELS_MAX} of them")
-        levels = tuple(self._level(value) for value in values)
+        levels = tuple(self._level(value, usual, dtype) for value in values)
         for finer, coarser in itertools.pairwise(levels):
             if tuple(ceil_div(n, 2) for n in finer.shape_zyx) != coarser.shape_zyx:
                 raise self.wrong("levels", "each level half of the one before, rounded up")
         return levels
 
-    def _level(self, value: Json) -> LevelAttributes:
+    def _level(self, value: Json, usual: BrickCodec, dtype: np.dtype[Any]) -> LevelAttributes:
         match value:
             case {
                 "shape": [int(z), int(y), int(x)],
@@ -233,7 +238,8 @@ class _Fields:
                 and _is_finite_number(rmse)
                 and (psnr_db is None or _is_finite_number(psnr_db))
             ):
-                return LevelAttributes((z, y, x), stored_nbytes, max_error, rmse, psnr_db)
+                own = self._codec(value["codec"], dtype) if "codec" in value else usual
+                return LevelAttributes((z, y, x), own, stored_nbytes, max_error, rmse, psnr_db)
         raise self.wrong("levels", "shape, stored_nbytes, max_error, rmse and psnr_db of each")
 
 

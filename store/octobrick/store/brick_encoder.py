@@ -32,7 +32,7 @@ class EncodedBrick:
 
 @dataclass(frozen=True, slots=True)
 class BrickEncoder:
-    """Encodes bricks of one volume. Immutable, so many threads can share one.
+    """Encodes bricks of one level. Immutable, so many threads can share one.
 
     Args:
         codec: of the bricks, or None to store voxels as they are.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 from numpy.typing import DTypeLike
@@ -14,6 +15,7 @@ from octobrick.store.destination import staged
 from octobrick.store.ingest_options import DEFAULT_CODEC, IngestOptions
 from octobrick.store.ingest_run import IngestRun
 from octobrick.store.progress import ProgressCallback
+from octobrick.store.pyramid import level_shapes
 from octobrick.store.report import IngestResult
 from octobrick.store.sources import Source, open_source
 from octobrick.store.sources.converted import converted
@@ -24,7 +26,7 @@ def ingest(
     source: str | os.PathLike[str],
     dest: str | os.PathLike[str],
     *,
-    codec: BrickCodec = DEFAULT_CODEC,
+    codec: BrickCodec | Sequence[BrickCodec] = DEFAULT_CODEC,
     brick: int = 64,
     shard: int = 4,
     zstd_level: int = 3,
@@ -59,7 +61,8 @@ def ingest(
         source: a file of a format that :mod:`octobrick.store.sources` reads.
         dest: the volume's folder, by custom ``NAME.zarr``.
         codec: what bricks are coded by, S3dc or Zerobit, or None to keep voxels exactly; labels
-            are kept exactly unless told otherwise.
+            are kept exactly unless told otherwise. Several are of the levels, finest first, the
+            last of them of all coarser ones too.
         brick: voxels per brick and axis, even, 8 to 256.
         shard: bricks per shard and axis.
         zstd_level: effort of the entropy layer, 1 to 19.
@@ -133,5 +136,7 @@ def _prepared(source: Source, options: IngestOptions) -> Source:
     """The source with its voxels as they are stored; refuses options that do not fit it."""
     part = source if options.region is None else RegionSource(source, options.region)
     prepared = converted(part, options.convert, options.window)
-    options.codec_of(prepared)
+    options.codecs_of(
+        prepared, len(level_shapes(prepared.shape_zyx, options.brick, options.levels))
+    )
     return prepared

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +28,7 @@ class IngestOptions:
         UnsupportedError: a codec whose codes volumes cannot hold.
     """
 
-    codec: BrickCodec
+    codec: BrickCodec | Sequence[BrickCodec]
     brick: int
     shard: int
     zstd_level: int
@@ -42,7 +43,8 @@ class IngestOptions:
     checkpoint_seconds: float
 
     def __post_init__(self) -> None:
-        require_codec(self.codec)
+        for codec in self._given_codecs:
+            require_codec(codec)
         _require("brick", self.brick, attrs.BRICK_MIN, attrs.BRICK_MAX)
         if self.brick % 2:
             raise InvalidInputError(f"brick {self.brick}: must be even", brick=self.brick)
@@ -68,23 +70,34 @@ class IngestOptions:
         """What makes the coarser levels: as asked, else the mode of labels and the mean."""
         return self.reducer or ("mode" if self.has_labels(source) else "mean")
 
-    def codec_of(self, source: Source) -> BrickCodec:
-        """The bricks' code: as asked, else labels are kept exactly.
+    def codecs_of(self, source: Source, nlevels: int) -> tuple[BrickCodec, ...]:
+        """The bricks' code at each level: as asked, else labels are kept exactly.
 
         Raises:
-            InvalidInputError: a lossy codec was asked for, but a label has no neighbours; or one
-                with a codebook or background of another sample type.
-            UnsupportedError: the codec cannot code the source's sample type.
+            InvalidInputError: more codecs than levels; a lossy codec was asked for, but a label
+                has no neighbours; or one with a codebook or background of another sample type.
+            UnsupportedError: a codec cannot code the source's sample type.
         """
-        if not self.has_labels(source) or self.codec is None:
-            return require_codec(self.codec, source.dtype)
-        if self.codec is not DEFAULT_CODEC:
+        given = self._given_codecs
+        if len(given) > nlevels:
             raise InvalidInputError(
-                f"{source.path}: labels are stored exactly, not by {codec_text(self.codec)}; "
-                "choose lossless, or say that these voxels are quantities (labels=False)",
-                path=str(source.path),
+                f"{len(given)} codecs, but {nlevels} levels; give one for all or one for each"
             )
-        return None
+        if self.has_labels(source):
+            if self.codec is DEFAULT_CODEC:
+                return (None,) * nlevels
+            for codec in given:
+                _require_exact(codec, source)
+        for codec in given:
+            require_codec(codec, source.dtype)
+        return given + (given[-1],) * (nlevels - len(given))
+
+    @property
+    def _given_codecs(self) -> tuple[BrickCodec, ...]:
+        given = tuple(self.codec) if isinstance(self.codec, Sequence) else (self.codec,)
+        if not given:
+            raise InvalidInputError("no codec; give one for all levels or one for each, or None")
+        return given
 
     def has_labels(self, source: Source) -> bool:
         """Whether voxels are names rather than quantities."""
@@ -94,7 +107,7 @@ class IngestOptions:
         """Everything that the bytes of a volume depend on, beside its source."""
         region = self.region and [list(self.region.start_zyx), list(self.region.stop_zyx)]
         return {
-            "codec": codec_to_json(self.codec),
+            "codec": [codec_to_json(codec) for codec in self._given_codecs],
             "brick": self.brick,
             "shard": self.shard,
             "zstd_level": self.zstd_level,
@@ -106,6 +119,15 @@ class IngestOptions:
             "region": region,
             "replace_nonfinite": self.replace_nonfinite,
         }
+
+
+def _require_exact(codec: BrickCodec, source: Source) -> None:
+    if codec is not None:
+        raise InvalidInputError(
+            f"{source.path}: labels are stored exactly, not by {codec_text(codec)}; choose "
+            "lossless, or say that these voxels are quantities (labels=False)",
+            path=str(source.path),
+        )
 
 
 def _require(name: str, value: int, low: int, high: int) -> None:

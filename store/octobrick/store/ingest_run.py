@@ -57,11 +57,10 @@ class IngestRun:
         self._dest = dest
         self._folder = folder
         self._options = options
-        self._codec = options.codec_of(source)
         self._reducer = options.reducer_of(source)
         self._cancel = cancel
         self._shapes = level_shapes(source.shape_zyx, options.brick, options.levels)
-        self._encoder = BrickEncoder(self._codec, options.brick, options.zstd_level)
+        self._codecs = options.codecs_of(source, len(self._shapes))
         self._voxels_per_plane = source.nc * source.shape_zyx[1] * source.shape_zyx[2]
         self._voxels_per_step = self._voxels_per_plane * source.shape_zyx[0]
         self._meter = ProgressMeter(source.nt * self._voxels_per_step, progress)
@@ -157,7 +156,7 @@ class IngestRun:
                 self._folder / str(level),
                 shape,
                 self._state.records[level],
-                self._encoder,
+                BrickEncoder(self._codecs[level], options.brick, options.zstd_level),
                 options.shard,
                 self._executor,
                 t,
@@ -194,7 +193,7 @@ class IngestRun:
                 str(level),
                 (source.nt, source.nc, *shape),
                 source.dtype,
-                codec=self._codec,
+                codec=self._codecs[level],
                 brick=options.brick,
                 shard_bricks=options.shard,
                 zstd_level=options.zstd_level,
@@ -220,6 +219,7 @@ class IngestRun:
             levels.append(
                 attrs.LevelAttributes(
                     shape_zyx=self._shapes[index],
+                    codec=self._codecs[index],
                     stored_nbytes=record.stored_nbytes,
                     max_error=record.errors.max_abs,
                     rmse=record.errors.rmse,
@@ -235,7 +235,6 @@ class IngestRun:
             dtype=self._source.dtype.name,
             brick=self._options.brick,
             shard_bricks=self._options.shard,
-            codec=self._codec,
             nt=self._source.nt,
             nc=self._source.nc,
             spacing_zyx=self._source.spacing_zyx,
@@ -261,6 +260,7 @@ class IngestRun:
                     ratio=nbytes / level.stored_nbytes if level.stored_nbytes else None,
                     psnr_db=level.psnr_db,
                     max_error=level.max_error,
+                    codec=level.codec,
                 )
             )
         elapsed = self._meter.elapsed_seconds

@@ -89,9 +89,11 @@ class Rebuild:
         self._wanted = wanted
         self._take = take
         self._reader = PieceReader(source, replace_nonfinite)
-        self._encoder = BrickEncoder(
-            volume.codec, volume.brick_shape_zyx[0], zstd_level_of(volume.path)
-        )
+        zstd_level = zstd_level_of(volume.path)
+        self._encoders = [
+            BrickEncoder(volume.level_codec(i), volume.brick_shape_zyx[0], zstd_level)
+            for i in range(len(volume.levels))
+        ]
 
     def run(self, executor: ThreadPoolExecutor, meter: ProgressMeter) -> None:
         """Go through all time steps and channels."""
@@ -128,7 +130,8 @@ class Rebuild:
         nz, (_, ny, nx) = len(layer.planes), shape_zyx
         window_box = Box((layer.first_z, 0, 0), (layer.first_z + nz, ny, nx))
         brick_box = cell_box(brick_zyx, self._volume.brick_shape_zyx)
-        return self._encoder.encode(layer.planes, window_box, brick_box, Box.of_shape(shape_zyx))
+        encoder = self._encoders[layer.level]
+        return encoder.encode(layer.planes, window_box, brick_box, Box.of_shape(shape_zyx))
 
 
 def zstd_level_of(path: Path) -> int:

@@ -166,7 +166,7 @@ class _Checker:
 
     def _slack(self, brick_zyx: Zyx) -> float:
         """How far decoded voxels may leave the range: zerobit's background can be any value."""
-        if self._fidelity is None or not isinstance(self._volume.codec, Zerobit):
+        if self._fidelity is None or not isinstance(self._volume.level_codec(self._level), Zerobit):
             return 0.0
         return float(self._fidelity[brick_zyx][0])
 

@@ -77,7 +77,7 @@ class _Comparison:
             stored = self._volume.brick_code(level, brick_zyx, t, c)
         except CorruptDataError:
             return  # verify has said so
-        made = None if encoded.frame is None else self._volume.decompressed(encoded.frame)
+        made = None if encoded.frame is None else self._volume.decompressed(encoded.frame, level)
         if stored != made:
             self._add("voxels", address, "does not hold the voxels of the source")
         ranges = self._table("ranges", level, t, c)

@@ -104,8 +104,16 @@ class Volume:
 
     @property
     def codec(self) -> BrickCodec:
-        """What the bricks are coded by; None where voxels are stored as they are."""
+        """What the bricks of level 0 are coded by; None where voxels are stored as they are."""
         return self._attributes.codec
+
+    def level_codec(self, level: int) -> BrickCodec:
+        """What the bricks of a level are coded by; None where voxels are stored as they are.
+
+        Raises:
+            InvalidInputError: there is no such level.
+        """
+        return self._attributes.levels[self.level(level).index].codec
 
     @property
     def brick_shape_zyx(self) -> Zyx:
@@ -199,7 +207,7 @@ class Volume:
         if stored is None:
             return None
         try:
-            return self.decompressed(stored)
+            return self.decompressed(stored, level)
         except CorruptBrickError as error:
             raise self._located(error, level, zyx, t, c) from error
 
@@ -215,8 +223,9 @@ class Volume:
         code = self.brick_code(level, zyx, t, c)
         if code is None:
             return np.full(self.brick_shape_zyx, self.fill_value, self.dtype)
+        codec = self.level_codec(level)
         try:
-            return brick_codec.decode(self.codec, code, self.brick_shape_zyx, self.dtype)
+            return brick_codec.decode(codec, code, self.brick_shape_zyx, self.dtype)
         except CorruptBrickError as error:
             raise self._located(error, level, zyx, t, c) from error
 
@@ -256,20 +265,21 @@ class Volume:
             whole = list(cells_touching(bricks, (1, 1, 1)))
             yield self.shard_key(whole[0], t, c), whole
 
-    def decompressed(self, stored: bytes) -> bytes:
-        """What `stored_brick` gave, without the entropy layer.
+    def decompressed(self, stored: bytes, level: int) -> bytes:
+        """What `stored_brick` gave for a level, without the entropy layer.
 
         Raises:
             CorruptBrickError: the frame is damaged, or holds more or less than a brick of this
-                volume can take.
+                level can take.
         """
-        is_variable = not brick_codec.has_one_size(self.codec)
-        return zstd_frame.decompress(stored, self.code_nbytes_max, at_most=is_variable)
+        is_variable = not brick_codec.has_one_size(self.level_codec(level))
+        return zstd_frame.decompress(stored, self.code_nbytes_max(level), at_most=is_variable)
 
-    @cached_property
-    def code_nbytes_max(self) -> int:
-        """The most bytes that a brick's code takes; what each takes, but for variable rate."""
-        return brick_codec.code_nbytes_max(self.codec, self.brick_shape_zyx, self.dtype)
+    def code_nbytes_max(self, level: int) -> int:
+        """The most bytes that a code takes at a level; what each takes, but for variable rate."""
+        return brick_codec.code_nbytes_max(
+            self.level_codec(level), self.brick_shape_zyx, self.dtype
+        )
 
     # What is known per brick
 

@@ -65,7 +65,6 @@ def _print_volume(volume: Volume) -> None:
             "volume": volume.name,
             "revision": volume.revision,
             "dtype": str(volume.dtype),
-            "codec": "lossless" if volume.codec is None else codec_text(volume.codec),
             "brick": format_shape(volume.brick_shape_zyx),
             "time steps": volume.nt,
             "channels": volume.nc,
@@ -75,7 +74,7 @@ def _print_volume(volume: Volume) -> None:
         }
     )
     print_table(
-        ("level", "z×y×x", "bricks", "size", "stored", "ratio", "PSNR", "max error"),
+        ("level", "z×y×x", "bricks", "size", "stored", "ratio", "PSNR", "max error", "codec"),
         (
             (
                 str(level.index),
@@ -86,6 +85,7 @@ def _print_volume(volume: Volume) -> None:
                 format_ratio(level.nbytes, level.stored_nbytes),
                 format_psnr(level.psnr_db),
                 f"{level.max_error:g}",
+                codec_text(volume.level_codec(level.index)),
             )
             for level in volume.levels
         ),

@@ -157,8 +157,10 @@ def _remains(dest: Path) -> str:
 
 
 def _print_result(result: IngestResult) -> None:
+    from octobrick.store.brick_codec import codec_text
+
     print_table(
-        ("level", "z×y×x", "size", "stored", "ratio", "PSNR", "max error"),
+        ("level", "z×y×x", "size", "stored", "ratio", "PSNR", "max error", "codec"),
         (
             (
                 str(level.index),
@@ -168,6 +170,7 @@ def _print_result(result: IngestResult) -> None:
                 format_ratio(level.nbytes, level.stored_nbytes),
                 format_psnr(level.psnr_db),
                 f"{level.max_error:g}",
+                codec_text(level.codec),
             )
             for level in result.levels
         ),
