@@ -27,6 +27,8 @@ def ingest(
     dest: str | os.PathLike[str],
     *,
     codec: BrickCodec | Sequence[BrickCodec] = DEFAULT_CODEC,
+    psnr: float | None = None,
+    ratio: float | None = None,
     brick: int = 64,
     shard: int = 4,
     zstd_level: int = 3,
@@ -63,6 +65,10 @@ def ingest(
         codec: what bricks are coded by, S3dc or Zerobit, or None to keep voxels exactly; labels
             are kept exactly unless told otherwise. Several are of the levels, finest first, the
             last of them of all coarser ones too.
+        psnr: in dB, what each level is to have; its codec is found by coding bricks of the source
+            before the ingest begins, so ``codec`` then is S3dc or Zerobit without a rate, by
+            default S3dc with blocks of 4³. docs/spec/rate-search.md tells how.
+        ratio: bytes of the voxels over bytes on disk that each level is to have, likewise.
         brick: voxels per brick and axis, even, 8 to 256.
         shard: bricks per shard and axis.
         zstd_level: effort of the entropy layer, 1 to 19.
@@ -95,10 +101,12 @@ def ingest(
         DestinationError: or its relatives, where the destination cannot be written.
         ResumeError: what is left of an unfinished ingest is of another source or other options.
         IngestCancelledError: ``cancel`` was set.
-        InvalidInputError: an option.
+        InvalidInputError: an option; or a ``ratio`` that cannot be reached, saying which can.
     """
     options = IngestOptions(
         codec=codec,
+        psnr=psnr,
+        ratio=ratio,
         brick=brick,
         shard=shard,
         zstd_level=zstd_level,

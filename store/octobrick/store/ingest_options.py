@@ -14,6 +14,7 @@ from octobrick.store import attributes as attrs
 from octobrick.store.box import Box
 from octobrick.store.brick_codec import BrickCodec, codec_text, codec_to_json, require_codec
 from octobrick.store.pyramid import REDUCERS
+from octobrick.store.rate_target import Dial, RateTarget
 from octobrick.store.sources import Source
 
 DEFAULT_CODEC = S3dc(block=(8, 8, 8), bits=4)
@@ -29,6 +30,8 @@ class IngestOptions:
     """
 
     codec: BrickCodec | Sequence[BrickCodec]
+    psnr: float | None
+    ratio: float | None
     brick: int
     shard: int
     zstd_level: int
@@ -45,6 +48,8 @@ class IngestOptions:
     def __post_init__(self) -> None:
         for codec in self._given_codecs:
             require_codec(codec)
+        if self.target is not None:
+            _ = self.dial
         _require("brick", self.brick, attrs.BRICK_MIN, attrs.BRICK_MAX)
         if self.brick % 2:
             raise InvalidInputError(f"brick {self.brick}: must be even", brick=self.brick)
@@ -66,6 +71,16 @@ class IngestOptions:
                 f"checkpoint_seconds {self.checkpoint_seconds}: must be 0 or more"
             )
 
+    @property
+    def target(self) -> RateTarget | None:
+        """The PSNR or ratio for which codecs are to be found; None where these are given."""
+        return RateTarget.of(self.psnr, self.ratio)
+
+    @property
+    def dial(self) -> Dial:
+        """Where codecs for the target are looked for."""
+        return Dial.of(self.codec, is_default=self.codec is DEFAULT_CODEC)
+
     def reducer_of(self, source: Source) -> str:
         """What makes the coarser levels: as asked, else the mode of labels and the mean."""
         return self.reducer or ("mode" if self.has_labels(source) else "mean")
@@ -84,6 +99,12 @@ class IngestOptions:
                 f"{len(given)} codecs, but {nlevels} levels; give one for all or one for each"
             )
         if self.has_labels(source):
+            if self.target is not None:
+                raise InvalidInputError(
+                    f"{source.path}: labels are stored exactly, so {self.target} cannot be had; "
+                    "leave it out, or say that these voxels are quantities (labels=False)",
+                    path=str(source.path),
+                )
             if self.codec is DEFAULT_CODEC:
                 return (None,) * nlevels
             for codec in given:
@@ -108,6 +129,8 @@ class IngestOptions:
         region = self.region and [list(self.region.start_zyx), list(self.region.stop_zyx)]
         return {
             "codec": [codec_to_json(codec) for codec in self._given_codecs],
+            "psnr": self.psnr,
+            "ratio": self.ratio,
             "brick": self.brick,
             "shard": self.shard,
             "zstd_level": self.zstd_level,

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import zarr
 
+from octobrick.codec.errors import OctobrickError
 from octobrick.store import attributes as attrs
 from octobrick.store.box import Box, grid_of
 from octobrick.store.brick_encoder import BrickEncoder
@@ -21,6 +22,7 @@ from octobrick.store.ingest_options import IngestOptions
 from octobrick.store.ingest_state import ChannelState, IngestState
 from octobrick.store.journal import Journal
 from octobrick.store.layout import level_array, small_array, write_root
+from octobrick.store.level_codecs import LevelCodecs
 from octobrick.store.level_writer import LevelRecord, LevelWriter
 from octobrick.store.piece_reader import PieceReader
 from octobrick.store.progress import ProgressCallback, ProgressMeter, peak_rss_nbytes
@@ -60,7 +62,7 @@ class IngestRun:
         self._reducer = options.reducer_of(source)
         self._cancel = cancel
         self._shapes = level_shapes(source.shape_zyx, options.brick, options.levels)
-        self._codecs = options.codecs_of(source, len(self._shapes))
+        self._codecs = LevelCodecs(())  # until the run begins
         self._voxels_per_plane = source.nc * source.shape_zyx[1] * source.shape_zyx[2]
         self._voxels_per_step = self._voxels_per_plane * source.shape_zyx[0]
         self._meter = ProgressMeter(source.nt * self._voxels_per_step, progress)
@@ -88,12 +90,16 @@ class IngestRun:
         checkpoint = None if restart else self._journal.read()
         if checkpoint is not None:
             try:
+                self._codecs = LevelCodecs.from_facts(checkpoint[0], len(self._shapes))
                 self._state.restore(*checkpoint, self._begin_step)
-            except (KeyError, ValueError, TypeError, IndexError, OSError):
+            except (KeyError, ValueError, TypeError, IndexError, OSError, OctobrickError):
                 # Not what this program left: begin again rather than build on it.
                 self._state = self._fresh_state()
                 checkpoint = None
         if checkpoint is None:
+            self._codecs = LevelCodecs.find(
+                self._source, self._options, self._shapes, self._executor, self._note_measurement
+            )
             clear(self._folder)
         done = self._state.t * self._voxels_per_step + self._state.z * self._voxels_per_plane
         self._meter.begin_at(done)
@@ -115,9 +121,22 @@ class IngestRun:
 
     def _checkpoint(self) -> None:
         started = time.monotonic()
-        self._journal.write(*self._state.pack())
+        facts, arrays = self._state.pack()
+        self._journal.write(facts | self._codecs.to_facts(), arrays)
         self._last_seconds = time.monotonic()
         self._checkpoint_cost_seconds = self._last_seconds - started
+
+    def _note_measurement(self) -> None:
+        self._meter.advance(0, "measure")
+        if self._cancel is not None and self._cancel.is_set():
+            raise self._cancelled()
+
+    def _cancelled(self) -> IngestCancelledError:
+        return IngestCancelledError(
+            f"{self._dest}: the ingest was cancelled; run it again to go on where it is",
+            path=str(self._dest),
+            done_voxels=self._meter.done_voxels,
+        )
 
     # Reading and writing
 
@@ -135,11 +154,7 @@ class IngestRun:
             self._meter.advance(planes.size, "encode")
             if self._cancel is not None and self._cancel.is_set():
                 self._checkpoint()
-                raise IngestCancelledError(
-                    f"{self._dest}: the ingest was cancelled; run it again to go on where it is",
-                    path=str(self._dest),
-                    done_voxels=self._meter.done_voxels,
-                )
+                raise self._cancelled()
             # Right behind a layer there is least to remember.
             layer = state.channels[0].stream.nlayers_emitted
             if layer != last_layer and self._is_checkpoint_due():
@@ -156,7 +171,7 @@ class IngestRun:
                 self._folder / str(level),
                 shape,
                 self._state.records[level],
-                BrickEncoder(self._codecs[level], options.brick, options.zstd_level),
+                BrickEncoder(self._codecs.codecs[level], options.brick, options.zstd_level),
                 options.shard,
                 self._executor,
                 t,
@@ -193,7 +208,7 @@ class IngestRun:
                 str(level),
                 (source.nt, source.nc, *shape),
                 source.dtype,
-                codec=self._codecs[level],
+                codec=self._codecs.codecs[level],
                 brick=options.brick,
                 shard_bricks=options.shard,
                 zstd_level=options.zstd_level,
@@ -219,7 +234,7 @@ class IngestRun:
             levels.append(
                 attrs.LevelAttributes(
                     shape_zyx=self._shapes[index],
-                    codec=self._codecs[index],
+                    codec=self._codecs.codecs[index],
                     stored_nbytes=record.stored_nbytes,
                     max_error=record.errors.max_abs,
                     rmse=record.errors.rmse,
@@ -273,7 +288,7 @@ class IngestRun:
             channels=attributes.nc,
             shape_zyx=self._source.shape_zyx,
             levels=tuple(levels),
-            warnings=self._source.warnings,
+            warnings=(*self._source.warnings, *self._codecs.notes),
             resumed_voxels=self._meter.begun_at_voxels,
             elapsed_seconds=elapsed,
             megabytes_per_second=self._meter.new_voxels * itemsize / 1e6 / elapsed,

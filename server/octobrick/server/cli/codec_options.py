@@ -1,4 +1,4 @@
-"""Options that say how bricks are compressed, and the codec that they mean."""
+"""Options that say how bricks are compressed, and what they mean for `octobrick.store.ingest`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ if TYPE_CHECKING:
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
-# By the codec that they belong to; of the first three only one can be given.
+# By the codec that they belong to; of those that set a rate only one can be given.
 _RATES = ("bits", "max_error", "bits_per_voxel")
 _S3DC = (*_RATES, "block")
 _ZEROBIT = ("details", "background")
+_TARGETS = ("psnr", "ratio")  # for which a rate is found
 
 _OPTIONS = (
     click.option(
@@ -29,6 +30,17 @@ _OPTIONS = (
     ),
     click.option(
         "--bits-per-voxel", type=float, help="Mean size of a brick's S3Dc code, instead of --bits."
+    ),
+    click.option(
+        "--psnr",
+        type=float,
+        metavar="DB",
+        help="Quality of each level: finds its rate by coding bricks before the ingest.",
+    ),
+    click.option(
+        "--ratio",
+        type=float,
+        help="Compression ratio of each level: finds its rate likewise.",
     ),
     click.option(
         "--block",
@@ -55,19 +67,28 @@ def codec_options(command: _Command) -> _Command:
     return command
 
 
-def take_codec(options: dict[str, Any]) -> BrickCodec:
-    """The brick codec that a command line names; its options are taken out of all.
+def take_codec(options: dict[str, Any]) -> dict[str, Any]:
+    """The arguments ``codec``, ``psnr`` and ``ratio`` of ingest; takes their options out of all.
 
     Raises:
         click.UsageError: options that do not go together.
         InvalidInputError: a value that the codec cannot have.
     """
+    name = options.pop("codec")
+    given = {key: options.pop(key) for key in (*_S3DC, *_ZEROBIT, *_TARGETS)}
+    given = {key: value for key, value in given.items() if value is not None}
+    rates = [key for key in given if key in (*_RATES, "details", *_TARGETS)]
+    if len(rates) > 1:
+        raise click.UsageError(f"Give one of {_flags(rates)}.")
+    target = {key: given.pop(key) for key in _TARGETS if key in given}
+    return {"codec": _codec(name, given, found=bool(target)), **target}
+
+
+def _codec(name: str | None, given: dict[str, Any], *, found: bool) -> BrickCodec:
+    """The codec; where its rate is to be found, without one."""
     from octobrick.codec import S3dc, Zerobit
     from octobrick.store.ingest_options import DEFAULT_CODEC
 
-    name = options.pop("codec")
-    given = {key: options.pop(key) for key in (*_S3DC, *_ZEROBIT)}
-    given = {key: value for key, value in given.items() if value is not None}
     if name is None and not given:
         return DEFAULT_CODEC
     if name == "lossless":
@@ -78,10 +99,8 @@ def take_codec(options: dict[str, Any]) -> BrickCodec:
         return Zerobit(given.get("details", Zerobit().ratio), background=given.get("background"))
     _require_only(given, _S3DC, "s3dc")
     rate = {key: value for key, value in given.items() if key in _RATES}
-    if len(rate) > 1:
-        raise click.UsageError(f"Give one of {_flags(_RATES)}.")
     # With a width per block, small blocks cost little and gain much: docs/performance.md.
-    side = given.get("block", 8 if "bits" in rate or not rate else 4)
+    side = given.get("block", 4 if found or rate.keys() - {"bits"} else 8)
     return S3dc(block=(side, side, side), **(rate or {"bits": 4}))
 
 

@@ -91,7 +91,7 @@ def ingest(
     from octobrick.server.cli.progress import ProgressReport
     from octobrick.store.errors import IngestCancelledError
 
-    codec = take_codec(options)
+    coding = take_codec(options)
     try:
         with cancellable() as cancel:
             itemsize = _announce(source, options, quiet=quiet or as_json)
@@ -99,7 +99,7 @@ def ingest(
                 result = store.ingest(
                     source,
                     dest,
-                    codec=codec,
+                    **coding,
                     region=_region(region),
                     progress=progress,
                     cancel=cancel,
