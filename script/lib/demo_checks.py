@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from octobrick.codec.errors import CorruptDataError, NotFoundError
-from octobrick.store import Volume, open_volume
+from octobrick.store import Volume, brick_codec, open_volume
 from octobrick.store.box import Box, Zyx, cell_box
 from octobrick.store.sources import Source, open_source
 
@@ -103,10 +103,8 @@ def _fetch_brick(place: str, volume: Volume, address: Address) -> NDArray[Any]:
     frame = volume.stored_brick(address.level, address.brick_zyx)
     _require(_get(place, encoding="zstd") == frame, f"{place}: not the zstd frame that is stored")
     body = _get(place)
-    if volume.codec is None:
-        voxels = np.frombuffer(body, local.dtype.newbyteorder("<")).reshape(local.shape)
-    else:
-        voxels = volume.codec.decode(body, local.shape, local.dtype)
+    codec = volume.level_codec(address.level)
+    voxels = brick_codec.decode(codec, body, local.shape, local.dtype)
     _require(np.array_equal(voxels, local), f"{place}: decodes to other voxels than the volume's")
     return voxels
 

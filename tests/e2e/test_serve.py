@@ -136,7 +136,8 @@ def test_list_and_metadata(server: Server) -> None:
 
 def test_every_brick_of_every_level_arrives_as_it_is_stored(server: Server, bricks: str) -> None:
     with open_volume(server.data_dir / "head.zarr") as volume:
-        assert isinstance(volume.codec, S3dc)
+        codec = volume.codec
+        assert isinstance(codec, S3dc)
         absent = 0
         for level in volume.levels:
             for zyx in np.ndindex(level.grid_zyx):
@@ -152,7 +153,7 @@ def test_every_brick_of_every_level_arrives_as_it_is_stored(server: Server, bric
                 assert packed.headers["content-encoding"] == "zstd"
                 assert packed.body == volume.stored_brick(level.index, (z, y, x))
                 assert zstandard.decompress(packed.body) == plain.body
-                decoded = volume.codec.decode(plain.body, volume.brick_shape_zyx, volume.dtype)
+                decoded = codec.decode(plain.body, volume.brick_shape_zyx, volume.dtype)
                 np.testing.assert_array_equal(decoded, volume.brick(level.index, (z, y, x)))
         assert absent == 1
 

@@ -90,6 +90,9 @@ class ArraySource:
         pad = [(0, b - n) for b, n in zip(self.brick_shape_zyx, voxels.shape, strict=True)]
         return np.ascontiguousarray(np.pad(voxels, pad, mode="edge"))
 
+    def level_codec(self, level: int) -> S3dc | None:
+        return self.codec
+
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         self.reads += 1
         return self._code(level, zyx)

@@ -62,13 +62,14 @@ def decode(
     pool, slab = BrickPool(gl, budget_nbytes), SlabBuffer(context, gl)
     decoder = SlabDecoder(context, gl)
     try:
-        slab.require(CodeLayout.of(source), box.shape_zyx)
+        slab.require(CodeLayout.of(source, 0), box.shape_zyx)
         bricks = list(cells_touching(box, source.brick_shape_zyx))
         nvoxels, _ = decoder.decode(source, pool, slab, (source.revision, 0, 0, 0, box), bricks)
         assert nvoxels == box.nvoxels
         assert pool.allocated_nbytes <= budget_nbytes
         raw = np.frombuffer(
-            slab.read(), {"f1": "u1", "nu2": "<u2", "f4": "<f4"}[CodeLayout.of(source).slab_dtype]
+            slab.read(),
+            {"f1": "u1", "nu2": "<u2", "f4": "<f4"}[CodeLayout.of(source, 0).slab_dtype],
         )
     finally:
         pool.release()
@@ -167,7 +168,7 @@ def test_a_pool_of_few_bricks_decodes_all_in_batches(
 ) -> None:
     voxels = noise((40, 40, 40), "uint8")
     source = ArraySource(voxels, codec=S3dc(), brick=16, nlevels=1)
-    budget = nbricks * CodeLayout.of(source).code_nbytes
+    budget = nbricks * CodeLayout.of(source, 0).code_nbytes
     found = decode(context, gl, source, Box.of_shape(voxels.shape), budget)
     np.testing.assert_array_equal(found, source.decoded(0))
 
@@ -176,7 +177,7 @@ def test_a_budget_below_one_brick_is_refused_with_both_sizes(
     context: GraphicsContext, gl: moderngl.Context
 ) -> None:
     source = ArraySource(noise((16, 16, 16), "uint8"), codec=S3dc(), brick=16)
-    nbytes = CodeLayout.of(source).code_nbytes
+    nbytes = CodeLayout.of(source, 0).code_nbytes
     with pytest.raises(ResourceError, match=f"{nbytes} bytes, more than the {nbytes - 1} bytes"):
         decode(context, gl, source, Box.of_shape((16, 16, 16)), nbytes - 1)
 

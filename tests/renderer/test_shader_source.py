@@ -72,7 +72,7 @@ def test_no_shader_has_an_include_that_is_not_expanded() -> None:
 @pytest.mark.parametrize("block", [1, 2, 3, 4, 6, 8, 16])
 def test_the_indices_of_a_run_lie_in_two_words_and_one_block(bits: int, block: int) -> None:
     source = ArraySource(np.zeros((16, 16, 16), np.uint8), codec=S3dc((8, 8, block), bits))
-    layout = CodeLayout.of(source)
+    layout = CodeLayout.of(source, 0)
     assert block % layout.run == 0
     for start in range(0, 64, layout.run):
         first_bit, end_bit = start * bits, (start + layout.run) * bits
@@ -86,7 +86,7 @@ def test_textures_hold_exactly_the_bytes_of_a_brick(dtype: str, codec: S3dc | No
     brick = (9, 14, 21)
     source = ArraySource(np.ones((9, 14, 21), dtype), codec=codec, brick=brick)
     code = source.brick_code(0, (0, 0, 0))
-    layout = CodeLayout.of(source)
+    layout = CodeLayout.of(source, 0)
     assert code is not None
     assert layout.code_nbytes == len(code)
     if codec is not None:

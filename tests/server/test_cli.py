@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from octobrick.codec import S3dc, Zerobit
 from octobrick.server.cli import main
 from octobrick.server.cli.progress import ProgressReport
 from octobrick.server.cli.text import format_nbytes, format_psnr, format_ratio, format_seconds
@@ -102,8 +103,17 @@ def test_codec_options_reach_the_volume(
 ) -> None:
     assert run("ingest", source, tmp_path / "v.zarr", "--bits", 2, "--block", 4).exit_code == 0
     codec = open_volume(tmp_path / "v.zarr").codec
-    assert codec is not None
-    assert (codec.bits, codec.block) == (2, (4, 4, 4))
+    assert codec == S3dc((4, 4, 4), bits=2)
+
+
+def test_zerobit_options_reach_the_volume(
+    run: Callable[..., Result], source: Path, tmp_path: Path
+) -> None:
+    arguments = ("--codec", "zerobit", "--details", 0.2, "--background", 5)
+    result = run("ingest", source, tmp_path / "v.zarr", *arguments)
+    assert result.exit_code == 0, result.stderr
+    assert open_volume(tmp_path / "v.zarr").codec == Zerobit(0.2, background=5)
+    assert "zerobit; ratio=0.2" in run("info", tmp_path / "v.zarr").stdout
 
 
 @pytest.mark.parametrize(
@@ -114,6 +124,10 @@ def test_codec_options_reach_the_volume(
         (["{source}", "v.zarr", "--bits", "9"], 2, "invalid-input"),
         (["{source}", "v.zarr", "--brick", "7"], 2, "invalid-input"),
         (["{source}", "v.zarr", "--codec", "lossless", "--bits", "4"], 2, "invalid-input"),
+        (["{source}", "v.zarr", "--codec", "zerobit", "--bits", "4"], 2, "invalid-input"),
+        (["{source}", "v.zarr", "--codec", "zerobit", "--details", "2"], 2, "invalid-input"),
+        (["{source}", "v.zarr", "--codec", "zerobit", "--background", "-5"], 2, "invalid-input"),
+        (["{source}", "v.zarr", "--codec", "s3dc", "--details", "0.1"], 2, "invalid-input"),
         (["{source}", "v.zarr", "--codec", "jpeg"], 2, "invalid-input"),
         (["{source}", "v.zarr", "--spacing", "1,2"], 2, "invalid-input"),
         (["{source}"], 2, "invalid-input"),

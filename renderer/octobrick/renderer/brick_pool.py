@@ -118,7 +118,7 @@ class BrickPool:
             CorruptBrickError: the source gave a brick of the wrong length.
             ResourceError: the budget does not hold a single brick.
         """
-        layout = CodeLayout.of(source)
+        layout = CodeLayout.of(source, level)
         address = {zyx: (source.revision, level, t, c, zyx) for zyx in bricks}
         here = [zyx for zyx in bricks if address[zyx] in self._slots]
         missing = [zyx for zyx in bricks if address[zyx] not in self._slots]

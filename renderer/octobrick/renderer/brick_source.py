@@ -7,7 +7,7 @@ and so does the in-memory source of the tests. The renderer never imports any of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from octobrick.store.box import Zyx
 Xyz = tuple[float, float, float]
 
 
+@runtime_checkable
 class BlockCode(Protocol):
     """The parameters of S3Dc that fix the layout of a brick's bytes."""
 
@@ -70,10 +71,6 @@ class BrickSource(Protocol):
         """uint8, int8, uint16, int16 or float32."""
 
     @property
-    def codec(self) -> BlockCode | None:
-        """S3Dc parameters of every brick; None where bricks are raw little-endian voxels."""
-
-    @property
     def brick_shape_zyx(self) -> Zyx:
         """Voxels of a brick along each axis."""
 
@@ -100,6 +97,13 @@ class BrickSource(Protocol):
     @property
     def revision(self) -> str:
         """Changes whenever any brick's bytes do."""
+
+    def level_codec(self, level: int) -> object:
+        """A `BlockCode` of a level's bricks; None where these are raw little-endian voxels.
+
+        Anything else, such as zerobit, is not drawn by itself: the volume then has a method
+        ``brick`` that gives decoded voxels, as `octobrick.store.Volume` does.
+        """
 
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """S3Dc code or raw voxels, ready for upload; None for an absent brick."""

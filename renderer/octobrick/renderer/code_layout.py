@@ -13,6 +13,7 @@ import numpy as np
 
 from octobrick.codec.errors import UnsupportedError
 from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.decoded_bricks import is_drawn
 from octobrick.store.box import Zyx, ceil_div
 
 TexelsXyz = tuple[int, int, int]
@@ -56,7 +57,7 @@ class CodePart:
 
 @dataclass(frozen=True, slots=True)
 class CodeLayout:
-    """Everything that decoding depends on, the same for all bricks of a volume.
+    """Everything that decoding depends on, the same for all bricks of a level.
 
     Attributes:
         dtype: NumPy name of the sample type.
@@ -73,8 +74,8 @@ class CodeLayout:
     parts: tuple[CodePart, ...]
 
     @classmethod
-    def of(cls, source: BrickSource) -> CodeLayout:
-        """The layout of a volume's bricks.
+    def of(cls, source: BrickSource, level: int) -> CodeLayout:
+        """The layout of the bricks of a level; voxels in the slab are the same for all levels.
 
         Raises:
             UnsupportedError: for a sample type without a texture format.
@@ -86,15 +87,17 @@ class CodeLayout:
                 "with one of these types",
                 dtype=str(dtype),
             )
-        if source.codec is None:
+        codec = source.level_codec(level)
+        if codec is None:
             return cls(dtype.name, brick, None, 0, (_part("voxels", 1, dtype, brick[::-1]),))
-        block, bits = source.codec.block, source.codec.bits
-        if bits is None or source.codec.scale != "linear":
+        if not is_drawn(codec):
             raise UnsupportedError(
                 f"the renderer decodes S3Dc at a fixed rate and with a linear scale, not "
-                f"{source.codec}; ingest the volume with bits",
-                codec=str(source.codec),
+                f"{codec!s:.200}; ingest the volume with bits",
+                codec=f"{codec!s:.200}",
             )
+        block, bits = codec.block, codec.bits
+        assert bits is not None
         blocks_xyz = tuple(ceil_div(n, b) for n, b in zip(brick, block, strict=True))[::-1]
         words_xyz = (ceil_div(brick[2] * bits, 16), brick[1], brick[0])
         parts = (

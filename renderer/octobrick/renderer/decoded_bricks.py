@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, TypeGuard, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.brick_source import BlockCode, BrickSource
 from octobrick.store.box import Zyx
 
 
@@ -17,12 +17,10 @@ class _Decoding(BrickSource, Protocol):
 
 
 class DecodedBricks:
-    """Decodes bricks on the CPU as they are uploaded; all else is the volume's.
+    """Decodes bricks on the CPU as they are uploaded, at levels where the GPU does not.
 
-    Bricks of variable rate then take as much GPU memory as raw ones.
+    These then take as much GPU memory as raw ones. All else is the volume's.
     """
-
-    codec = None
 
     def __init__(self, volume: _Decoding) -> None:
         self._volume = volume
@@ -31,18 +29,30 @@ class DecodedBricks:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._volume, name)
 
+    def level_codec(self, level: int) -> BlockCode | None:
+        """The codec of a level whose bricks come as they are stored; None for raw voxels."""
+        codec = self._volume.level_codec(level)
+        return codec if is_drawn(codec) else None
+
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
-        """The raw voxels of a brick, little-endian; None for an absent one."""
-        if self._volume.brick_code(level, zyx, t, c) is None:
-            return None
+        """A brick as it is stored, or its raw voxels, little-endian; None for an absent one."""
+        code = self._volume.brick_code(level, zyx, t, c)
+        codec = self._volume.level_codec(level)
+        if code is None or codec is None or is_drawn(codec):
+            return code
         voxels = self._volume.brick(level, zyx, t, c)
         return np.ascontiguousarray(voxels, voxels.dtype.newbyteorder("<")).tobytes()
 
 
+def is_drawn(codec: object) -> TypeGuard[BlockCode]:
+    """Whether the GPU decodes codes of this codec: S3Dc at a fixed rate, with a linear scale."""
+    return isinstance(codec, BlockCode) and codec.bits is not None and codec.scale == "linear"
+
+
 def drawable(volume: BrickSource) -> BrickSource:
     """The volume itself where the GPU decodes its bricks, else one that the CPU decodes."""
-    codec = volume.codec
-    if codec is None or (codec.bits is not None and codec.scale == "linear"):
+    codecs = [volume.level_codec(i) for i in range(len(volume.levels))]
+    if all(codec is None or is_drawn(codec) for codec in codecs):
         return volume
     if not hasattr(volume, "brick"):
         return volume  # which the code layout refuses, naming the codec

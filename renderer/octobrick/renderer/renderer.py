@@ -217,7 +217,7 @@ class Renderer:
         if plan.slabs is not None:
             nslabs, nvoxels = self._cast_slabs(request, plan, plan.slabs, clock, bricks)
             premultiplied = self._raycaster.picture()
-        layout = CodeLayout.of(request.volume)
+        layout = CodeLayout.of(request.volume, plan.level)
         stats = RenderStats(
             level=plan.level,
             bricks=bricks,
@@ -241,7 +241,6 @@ class Renderer:
         nlevels = len(request.volume.levels)
         first = wanted if request.level is None else request.level
         levels = range(first, nlevels) if request.level is None else [first]
-        code_nbytes = CodeLayout.of(request.volume).code_nbytes
         too_large = None
         for level in levels:
             try:
@@ -250,6 +249,7 @@ class Renderer:
                 too_large = error
                 continue
             # Coarser, so that the working set stays resident; but the coarsest is shown anyhow.
+            code_nbytes = CodeLayout.of(request.volume, level).code_nbytes
             fits = int(plan.selection.needed.sum()) * code_nbytes <= self._brick_nbytes
             if fits or request.level is not None or level == nlevels - 1:
                 return plan
@@ -291,7 +291,7 @@ class Renderer:
             request.volume.brick_shape_zyx,
             2 - axis_xyz,
             eye,
-            nvoxels_max=self._slab_nbytes // CodeLayout.of(request.volume).voxel_nbytes,
+            nvoxels_max=self._slab_nbytes // CodeLayout.of(request.volume, level).voxel_nbytes,
             side_max=self._context.volume_side_max,
         )
         if plan is None:
@@ -337,7 +337,7 @@ class Renderer:
             with clock.measure("empty space"):
                 emptiness = self._empty_space.find(
                     self._slab,
-                    CodeLayout.of(request.volume),
+                    CodeLayout.of(request.volume, plan.level),
                     grid,
                     plan.selection.sampled,
                     plan.classifier,
@@ -366,7 +366,7 @@ class Renderer:
         needed: list[Zyx] = [(z, y, x) for z, y, x in found.tolist()]
         key = (volume.revision, plan.level, request.t, request.c, slab.content)
         with clock.measure("decode"):
-            self._slab.require(CodeLayout.of(volume), slabs.buffer_zyx)
+            self._slab.require(CodeLayout.of(volume, plan.level), slabs.buffer_zyx)
             nvoxels, nabsent = self._decoder.decode(volume, self._pool, self._slab, key, needed)
         bricks["decoded"] += len(needed) if nvoxels else 0
         bricks["absent"] += nabsent

@@ -82,7 +82,7 @@ class SlabDecoder:
         members: list[tuple[Resident, Box]],
     ) -> None:
         """Decode parts of the same shape from one page."""
-        layout = CodeLayout.of(source)
+        layout = page.layout if page is not None else CodeLayout.of(source, 0)
         run = layout.run
         records = np.zeros((len(members), PART_NBYTES // 16, 4), np.int32)
         for record, (brick, part) in zip(records, members, strict=True):

@@ -12,6 +12,7 @@ from octobrick.server.catalog import Catalog, OpenVolume
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
 from octobrick.store import Volume
 from octobrick.store.box import Zyx
+from octobrick.store.brick_codec import codec_text
 
 Headers = dict[str, str]
 
@@ -147,21 +148,13 @@ def _description(lent: OpenVolume, address: BrickAddress) -> Headers:
     low, high = lent.ranges(address.level, address.t, address.c)[address.brick_zyx]
     max_error, rmse = lent.fidelity(address.level, address.t, address.c)[address.brick_zyx]
     return {
-        "x-octobrick-codec": codec_name(lent.volume),
+        "x-octobrick-codec": codec_text(lent.volume.level_codec(address.level)),
         "x-octobrick-dtype": str(lent.volume.dtype),
         "x-octobrick-shape": ",".join(str(n) for n in lent.volume.brick_shape_zyx),
         "x-octobrick-range": f"{low},{high}",
         "x-octobrick-max-error": f"{max_error:.6g}",
         "x-octobrick-rmse": f"{rmse:.6g}",
     }
-
-
-def codec_name(volume: Volume) -> str:
-    """The brick codec with its parameters, such as ``s3dc; block=8,8,8; bits=4``, or ``raw``."""
-    codec = volume.codec
-    if codec is None:
-        return "raw"
-    return f"s3dc; block={','.join(str(n) for n in codec.block)}; bits={codec.bits}"
 
 
 def _weight(parameters: str) -> float:

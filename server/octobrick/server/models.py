@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from octobrick.server.brick_reply import codec_name
 from octobrick.store import Level, Volume
+from octobrick.store.brick_codec import BrickCodec, codec_text
 
 Zyx = tuple[int, int, int]
 Xyz = tuple[float, float, float]
@@ -75,13 +75,14 @@ class LevelDetail(BaseModel):
     grid_zyx: Zyx = Field(description="Bricks along each axis.")
     spacing_xyz: Xyz
     origin_xyz: Xyz = Field(description="World position of the centre of voxel (0, 0, 0).")
+    codec: str = Field(description="What a brick is once its zstd layer is off.")
     nbytes: int = Field(description="Size of the voxels, uncompressed.")
     stored_nbytes: int = Field(description="Size on disk.")
     max_error: float = Field(description="Largest |decoded - original| of the level.")
     psnr_db: float | None = Field(description="Null where nothing was lost.")
 
     @classmethod
-    def of(cls, level: Level) -> LevelDetail:
+    def of(cls, level: Level, codec: BrickCodec) -> LevelDetail:
         """What a level says of itself."""
         return cls(
             index=level.index,
@@ -89,6 +90,7 @@ class LevelDetail(BaseModel):
             grid_zyx=level.grid_zyx,
             spacing_xyz=level.spacing_xyz,
             origin_xyz=level.origin_xyz,
+            codec=codec_text(codec),
             nbytes=level.nbytes,
             stored_nbytes=level.stored_nbytes,
             max_error=level.max_error,
@@ -121,6 +123,7 @@ class VolumeDetail(BaseModel):
                             "grid_zyx": [2, 4, 4],
                             "spacing_xyz": [0.957, 0.957, 1.5],
                             "origin_xyz": [0.0, 0.0, 0.0],
+                            "codec": "s3dc; block=8,8,8; bits=4",
                             "nbytes": 14155776,
                             "stored_nbytes": 3018402,
                             "max_error": 117.0,
@@ -138,7 +141,7 @@ class VolumeDetail(BaseModel):
     id: str
     revision: str = Field(description="Names the content; changes when the volume is replaced.")
     dtype: str
-    codec: str = Field(description="What a brick is once its zstd layer is off.")
+    codec: str = Field(description="What a brick of level 0 is once its zstd layer is off.")
     brick_shape_zyx: Zyx
     timesteps: int
     channels: int
@@ -160,7 +163,7 @@ class VolumeDetail(BaseModel):
             id=volume_id,
             revision=volume.revision,
             dtype=str(volume.dtype),
-            codec=codec_name(volume),
+            codec=codec_text(volume.codec),
             brick_shape_zyx=volume.brick_shape_zyx,
             timesteps=volume.nt,
             channels=volume.nc,
@@ -168,7 +171,7 @@ class VolumeDetail(BaseModel):
             value_range=(low, high),
             window=(dark, bright),
             fill_value=volume.fill_value,
-            levels=[LevelDetail.of(level) for level in volume.levels],
+            levels=[LevelDetail.of(v, volume.level_codec(v.index)) for v in volume.levels],
             bricks=f"{address}/{volume.revision}/bricks/{{level}}/{{t}}/{{c}}/{{z}}/{{y}}/{{x}}",
             render=f"{address}/render",
         )

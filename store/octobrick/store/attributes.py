@@ -15,22 +15,16 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from octobrick.codec import S3dc, metrics
+from octobrick.codec import metrics
 from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Zyx, ceil_div
+from octobrick.store.brick_codec import BrickCodec, codec_from_json, codec_to_json, require_codec
 from octobrick.store.errors import VolumeFormatError
 from octobrick.store.reducers import REDUCERS
 from octobrick.store.shard import DIGEST_NBYTES
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
-from octobrick.store.zarr_codec import (
-    S3DC_NAME,
-    require_volume_codec,
-    s3dc_configuration,
-    s3dc_from_configuration,
-)
 
 FORMAT_VERSION = 1
-BYTES_NAME = "bytes"
 # A reader allocates a brick and a shard index on the word of the metadata: these bound both.
 BRICK_MIN, BRICK_MAX = 8, 256
 SHARD_BRICKS_MAX = 64
@@ -51,11 +45,24 @@ class LevelAttributes:
     """
 
     shape_zyx: Zyx
+    codec: BrickCodec
     stored_nbytes: int
     max_error: Number
     rmse: float
     psnr_db: float | None
     gradient_nbytes: int | None
+
+    def to_json(self, usual: BrickCodec) -> dict[str, Json]:
+        """The level as JSON-ready values; its codec only where that is another than usual."""
+        fields = {
+            "shape": list(self.shape_zyx),
+            "stored_nbytes": self.stored_nbytes,
+            "max_error": self.max_error,
+            "rmse": self.rmse,
+            "psnr_db": self.psnr_db,
+            "gradient_nbytes": self.gradient_nbytes,
+        }
+        return fields if self.codec == usual else fields | {"codec": codec_to_json(self.codec)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +72,6 @@ class VolumeAttributes:
     dtype: str
     brick: int
     shard_bricks: int
-    codec: S3dc | None
     nt: int
     nc: int
     spacing_zyx: tuple[float, float, float]
@@ -76,6 +82,11 @@ class VolumeAttributes:
     window: tuple[Number, Number]
     histograms: tuple[metrics.Histogram, ...]
     source: Mapping[str, Json]
+
+    @property
+    def codec(self) -> BrickCodec:
+        """What the bricks of level 0 are coded by."""
+        return self.levels[0].codec
 
     def revision(self, manifest: Json) -> str:
         """The digest of these attributes and the manifest of the shards: of all the content."""
@@ -88,23 +99,13 @@ class VolumeAttributes:
             "dtype": self.dtype,
             "brick": [self.brick] * 3,
             "shard": [self.shard_bricks] * 3,
-            "codec": _codec_to_json(self.codec),
+            "codec": codec_to_json(self.codec),
             "timepoints": self.nt,
             "channels": self.nc,
             "spacing": list(self.spacing_zyx),
             "unit": self.unit,
             "reducer": self.reducer,
-            "levels": [
-                {
-                    "shape": list(level.shape_zyx),
-                    "stored_nbytes": level.stored_nbytes,
-                    "max_error": level.max_error,
-                    "rmse": level.rmse,
-                    "psnr_db": level.psnr_db,
-                    "gradient_nbytes": level.gradient_nbytes,
-                }
-                for level in self.levels
-            ],
+            "levels": [level.to_json(self.codec) for level in self.levels],
             "value_range": list(self.value_range),
             "window": list(self.window),
             "histograms": [_histogram_to_json(h) for h in self.histograms],
@@ -138,13 +139,12 @@ class VolumeAttributes:
             dtype=dtype,
             brick=brick,
             shard_bricks=shard,
-            codec=checked.codec(),
             nt=checked.count("timepoints"),
             nc=checked.count("channels"),
             spacing_zyx=(z, y, x),
             unit=checked.optional_text("unit"),
             reducer=reducer,
-            levels=checked.levels(),
+            levels=checked.levels(np.dtype(dtype)),
             value_range=cast("tuple[Number, Number]", tuple(checked.numbers("value_range", 2))),
             window=cast("tuple[Number, Number]", tuple(checked.numbers("window", 2))),
             histograms=checked.histograms(),
@@ -162,12 +162,6 @@ def python_number(value: np.generic | Number) -> Number:
     """A sample value as the int or float that JSON can hold."""
     number = value.item() if isinstance(value, np.generic) else value
     return cast("Number", number)
-
-
-def _codec_to_json(codec: S3dc | None) -> dict[str, Json]:
-    if codec is None:
-        return {"name": BYTES_NAME}
-    return {"name": S3DC_NAME, "configuration": s3dc_configuration(codec)}
 
 
 def _histogram_to_json(histogram: metrics.Histogram) -> dict[str, Json]:
@@ -231,28 +225,24 @@ class _Fields:
             raise self.wrong(name, "three equal integers")
         return int(value[0])
 
-    def codec(self) -> S3dc | None:
-        value = self.get("codec", dict)
-        if value == {"name": BYTES_NAME}:
-            return None
+    def _codec(self, value: Json, dtype: np.dtype[Any]) -> BrickCodec:
         try:
-            if value.get("name") == S3DC_NAME:
-                return require_volume_codec(s3dc_from_configuration(value.get("configuration")))
+            return require_codec(codec_from_json(value), dtype)
         except OctobrickError as error:
             raise VolumeFormatError(f"{self.where}: {error.message}", field="codec") from error
-        raise self.wrong("codec", f"{BYTES_NAME} or {S3DC_NAME}; a newer octobrick may know it")
 
-    def levels(self) -> tuple[LevelAttributes, ...]:
+    def levels(self, dtype: np.dtype[Any]) -> tuple[LevelAttributes, ...]:
+        usual = self._codec(self.get("codec", dict), dtype)
         values = self.get("levels", list)
         if not 1 <= len(values) <= LEVELS_MAX:
             raise self.wrong("levels", f"1 to {LEVELS_MAX} of them")
-        levels = tuple(self._level(value) for value in values)
+        levels = tuple(self._level(value, usual, dtype) for value in values)
         for finer, coarser in itertools.pairwise(levels):
             if tuple(ceil_div(n, 2) for n in finer.shape_zyx) != coarser.shape_zyx:
                 raise self.wrong("levels", "each level half of the one before, rounded up")
         return levels
 
-    def _level(self, value: Json) -> LevelAttributes:
+    def _level(self, value: Json, usual: BrickCodec, dtype: np.dtype[Any]) -> LevelAttributes:
         match value:
             case {
                 "shape": [int(z), int(y), int(x)],
@@ -268,8 +258,9 @@ class _Fields:
                 and (psnr_db is None or _is_finite_number(psnr_db))
                 and (gradient_nbytes is None or type(gradient_nbytes) is int)
             ):
+                own = self._codec(value["codec"], dtype) if "codec" in value else usual
                 return LevelAttributes(
-                    (z, y, x), stored_nbytes, max_error, rmse, psnr_db, gradient_nbytes
+                    (z, y, x), own, stored_nbytes, max_error, rmse, psnr_db, gradient_nbytes
                 )
         raise self.wrong(
             "levels", "shape, stored_nbytes, max_error, rmse, psnr_db and gradient_nbytes of each"

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.codec import S3dc, metrics
+from octobrick.codec import metrics
+from octobrick.store import brick_codec
 from octobrick.store import frame as zstd_frame
 from octobrick.store.box import Zyx
 
@@ -36,15 +37,15 @@ class EncodedBrick:
 
 @dataclass(frozen=True, slots=True)
 class BrickEncoder:
-    """Encodes bricks of one volume. Immutable, so many threads can share one.
+    """Encodes bricks of one level. Immutable, so many threads can share one.
 
     Args:
-        codec: the fixed-layout code, or None to store voxels as they are.
+        codec: of the bricks, or None to store voxels as they are.
         brick: voxels per axis.
         zstd_level: of the entropy layer.
     """
 
-    codec: S3dc | None
+    codec: brick_codec.BrickCodec
     brick: int
     zstd_level: int
 
@@ -61,12 +62,11 @@ class BrickEncoder:
         if low <= 0 <= high and not voxels.view(f"u{voxels.itemsize}").any():
             return EncodedBrick(None, low, high, metrics.ErrorStats(count, 0.0, 0.0))
         padded = pad_to(voxels, (self.brick,) * 3)
+        code = brick_codec.encode(self.codec, padded)
         if self.codec is None:
-            code = padded.astype(padded.dtype.newbyteorder("<"), order="C", copy=False).tobytes()
             errors = metrics.ErrorStats(count, 0.0, 0.0)
         else:
-            code = self.codec.encode(padded)
-            decoded = self.codec.decode(code, padded.shape, padded.dtype)
+            decoded = brick_codec.decode(self.codec, code, padded.shape, padded.dtype)
             nz, ny, nx = voxels.shape
             errors = metrics.compare(voxels, decoded[:nz, :ny, :nx])
         return EncodedBrick(zstd_frame.compress(code, self.zstd_level), low, high, errors)

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec import gradients, metrics
 from octobrick.store.box import Box
-from octobrick.store.brick_encoder import BrickEncoder, EncodedBrick
+from octobrick.store.brick_encoder import EncodedBrick
 from octobrick.store.reducers import Reducer
 
 Voxels = NDArray[np.generic]
+
+
+class Encoder(Protocol):
+    """What makes of a brick what a sink takes."""
+
+    @property
+    def brick(self) -> int:
+        """Voxels per brick and axis."""
+
+    def encode(self, voxels: Voxels, low: Any, high: Any) -> EncodedBrick:
+        """See `BrickEncoder.encode`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +58,7 @@ class BrickWork:
         ngradients: how many levels of gradients are made from a brick alone.
     """
 
-    encoder: BrickEncoder
+    encoder: Encoder
     reducer: Reducer | None
     has_histogram: bool
     spacing_zyx: tuple[float, float, float]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 from numpy.typing import DTypeLike
 
-from octobrick.codec import S3dc
 from octobrick.store.box import Box, Zyx
+from octobrick.store.brick_codec import BrickCodec
 from octobrick.store.destination import staged
 from octobrick.store.ingest_options import DEFAULT_CODEC, IngestOptions
+from octobrick.store.ingest_plan import IngestPlan
 from octobrick.store.ingest_run import IngestRun
 from octobrick.store.progress import ProgressCallback
 from octobrick.store.report import IngestResult
@@ -24,10 +26,12 @@ def ingest(
     source: str | os.PathLike[str],
     dest: str | os.PathLike[str],
     *,
-    codec: S3dc | None = DEFAULT_CODEC,
+    codec: BrickCodec | Sequence[BrickCodec] = DEFAULT_CODEC,
+    psnr: float | None = None,
+    ratio: float | None = None,
     brick: int = 64,
     shard: int = 4,
-    zstd_level: int = 3,
+    zstd_level: int | None = None,
     levels: int | None = None,
     reducer: str | None = None,
     gradients: bool = False,
@@ -60,11 +64,17 @@ def ingest(
     Args:
         source: a file of a format that :mod:`octobrick.store.sources` reads.
         dest: the volume's folder, by custom ``NAME.zarr``.
-        codec: the fixed-layout code of the bricks, or None to keep voxels exactly; labels are
-            kept exactly unless told otherwise.
+        codec: what bricks are coded by, S3dc or Zerobit, or None to keep voxels exactly; labels
+            are kept exactly unless told otherwise. Several are of the levels, finest first, the
+            last of them of all coarser ones too.
+        psnr: in dB, what each level is to have; its codec is found by coding bricks of the source
+            before the ingest begins, so ``codec`` then is S3dc or Zerobit without a rate, by
+            default S3dc with blocks of 4³. docs/spec/rate-search.md tells how.
+        ratio: bytes of the voxels over bytes on disk that each level is to have, likewise.
         brick: voxels per brick and axis, even, 8 to 256.
         shard: bricks per shard and axis.
-        zstd_level: effort of the entropy layer, 1 to 19.
+        zstd_level: effort of the entropy layer, 1 to 19; by default 1 behind a code, and 3 where
+            voxels are kept exactly.
         levels: how many; by default until one brick holds the coarsest.
         reducer: what makes a coarser voxel of 2×2×2: ``"mean"``, ``"max"``, ``"min"``, ``"mode"``
             or ``"nearest"``; by default mode for labels, else mean.
@@ -98,10 +108,12 @@ def ingest(
         DestinationError: or its relatives, where the destination cannot be written.
         ResumeError: what is left of an unfinished ingest is of another source or other options.
         IngestCancelledError: ``cancel`` was set.
-        InvalidInputError: an option.
+        InvalidInputError: an option; or a ``ratio`` that cannot be reached, saying which can.
     """
     options = IngestOptions(
         codec=codec,
+        psnr=psnr,
+        ratio=ratio,
         brick=brick,
         shard=shard,
         zstd_level=zstd_level,
@@ -131,15 +143,13 @@ def ingest(
         ) as opened,
         # Before the folder is touched: a slip of the pen must not cost what an earlier run has.
         _prepared(opened, options) as prepared,
-        staged(dest_path, overwrite=overwrite) as folder,
     ):
-        run = IngestRun(prepared, dest_path, folder, options, progress, cancel)
-        return run.run(restart=restart)
+        plan = IngestPlan.of(prepared, options)
+        with staged(dest_path, overwrite=overwrite) as folder:
+            return IngestRun(plan, dest_path, folder, progress, cancel).run(restart=restart)
 
 
 def _prepared(source: Source, options: IngestOptions) -> Source:
-    """The source with its voxels as they are stored; refuses options that do not fit it."""
+    """The source with its voxels as they are stored."""
     part = source if options.region is None else RegionSource(source, options.region)
-    prepared = converted(part, options.convert, options.window)
-    options.codec_of(prepared)
-    return prepared
+    return converted(part, options.convert, options.window)

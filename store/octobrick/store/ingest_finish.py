@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import zarr
 from octobrick.codec import metrics
 from octobrick.store import attributes as attrs
 from octobrick.store.box import Box, Zyx
+from octobrick.store.brick_codec import BrickCodec
 from octobrick.store.gradient_pyramid import gradient_array
-from octobrick.store.ingest_options import IngestOptions
+from octobrick.store.ingest_plan import IngestPlan
 from octobrick.store.layout import (
     BrickLayout,
     directions_array,
@@ -19,9 +21,9 @@ from octobrick.store.layout import (
     small_array,
     write_root,
 )
+from octobrick.store.level_codecs import LevelCodecs
 from octobrick.store.progress import ProgressMeter, peak_rss_nbytes
 from octobrick.store.report import IngestResult, LevelReport
-from octobrick.store.sources import Source
 from octobrick.store.volume_writer import LevelRecord, VolumeRecord
 
 _WINDOW_HIGH_SHARE = 0.999  # a few hot voxels must not make everything else look dark
@@ -31,30 +33,29 @@ class IngestFinish:
     """Writes what a volume says of itself, when all of its bricks are stored.
 
     Args:
-        source: whose voxels were stored.
+        plan: how they were made.
+        codecs: of each level.
         dest: where the volume will be.
         folder: where its shards are.
-        options: how they were made.
     """
 
-    def __init__(self, source: Source, dest: Path, folder: Path, options: IngestOptions) -> None:
-        self._source = source
+    def __init__(self, plan: IngestPlan, codecs: LevelCodecs, dest: Path, folder: Path) -> None:
+        self._plan = plan
+        self._source = plan.source
+        self._options = plan.options
+        self._codecs = codecs
         self._dest = dest
         self._folder = folder
-        self._options = options
-        self._codec = options.codec_of(source)
 
-    def run(
-        self, record: VolumeRecord, shapes_zyx: tuple[Zyx, ...], meter: ProgressMeter
-    ) -> IngestResult:
+    def run(self, record: VolumeRecord, meter: ProgressMeter) -> IngestResult:
         """Write all metadata, last the root's; going on from a checkpoint writes it anew."""
         for name in ("range", "fidelity"):
             shutil.rmtree(self._folder / name, ignore_errors=True)
         for path in ("", "gradient", *record.arrays):
             (self._folder / path / "zarr.json").unlink(missing_ok=True)
         root = zarr.create_group(self._folder)
-        self._write_arrays(root, record, shapes_zyx)
-        attributes = self._describe(record, shapes_zyx)
+        self._write_arrays(root, record)
+        attributes = self._describe(record)
         manifest = {
             key: entry
             for path, array in record.arrays.items()
@@ -63,38 +64,35 @@ class IngestFinish:
         revision = write_root(root, self._dest.stem, attributes, {"shards": manifest})
         return self._report(attributes, revision, meter)
 
-    def _write_arrays(
-        self, root: zarr.Group, record: VolumeRecord, shapes_zyx: tuple[Zyx, ...]
-    ) -> None:
+    def _write_arrays(self, root: zarr.Group, record: VolumeRecord) -> None:
         source, options = self._source, self._options
-        layout = BrickLayout(options.brick, options.shard, options.zstd_level)
         ranges, fidelity = root.create_group("range"), root.create_group("fidelity")
         if record.gradients:
             root.create_group("gradient")
-        for level, shape in enumerate(shapes_zyx):
-            shape_tczyx = (source.nt, source.nc, *shape)
-            level_array(root, str(level), shape_tczyx, source.dtype, self._codec, layout)
+        for level, shape in enumerate(self._plan.shapes_zyx):
+            shape_tczyx, codec = (source.nt, source.nc, *shape), self._codecs.codecs[level]
+            layout = BrickLayout(options.brick, options.shard, options.zstd_level_of(codec))
+            level_array(root, str(level), shape_tczyx, source.dtype, codec, layout)
             if level in record.gradients:
+                layout = dataclasses.replace(layout, zstd_level=options.zstd_level_of_gradients)
                 directions_array(root, gradient_array(level), shape_tczyx, layout)
             small_array(ranges, str(level), record.levels[level].ranges)
             small_array(fidelity, str(level), record.levels[level].fidelity)
 
-    def _describe(
-        self, record: VolumeRecord, shapes_zyx: tuple[Zyx, ...]
-    ) -> attrs.VolumeAttributes:
+    def _describe(self, record: VolumeRecord) -> attrs.VolumeAttributes:
         source, options = self._source, self._options
         value_range = _value_range(record.levels[0])
+        levels = zip(self._plan.shapes_zyx, self._codecs.codecs, strict=True)
         return attrs.VolumeAttributes(
             dtype=source.dtype.name,
             brick=options.brick,
             shard_bricks=options.shard,
-            codec=self._codec,
             nt=source.nt,
             nc=source.nc,
             spacing_zyx=source.spacing_zyx,
             unit=source.unit,
             reducer=options.reducer_of(source),
-            levels=tuple(_level(record, i, shape) for i, shape in enumerate(shapes_zyx)),
+            levels=tuple(_level(record, i, *level) for i, level in enumerate(levels)),
             value_range=value_range,
             window=_window(record.histograms, value_range),
             histograms=tuple(record.histograms),
@@ -117,6 +115,7 @@ class IngestFinish:
                     ratio=nbytes / level.stored_nbytes if level.stored_nbytes else None,
                     psnr_db=level.psnr_db,
                     max_error=level.max_error,
+                    codec=level.codec,
                     gradient_nbytes=level.gradient_nbytes,
                 )
             )
@@ -130,7 +129,7 @@ class IngestFinish:
             channels=attributes.nc,
             shape_zyx=self._source.shape_zyx,
             levels=tuple(levels),
-            warnings=self._source.warnings,
+            warnings=(*self._source.warnings, *self._codecs.notes),
             resumed_voxels=meter.begun_at_voxels,
             elapsed_seconds=elapsed,
             megabytes_per_second=meter.new_voxels * itemsize / 1e6 / elapsed,
@@ -138,13 +137,16 @@ class IngestFinish:
         )
 
 
-def _level(record: VolumeRecord, index: int, shape_zyx: Zyx) -> attrs.LevelAttributes:
+def _level(
+    record: VolumeRecord, index: int, shape_zyx: Zyx, codec: BrickCodec
+) -> attrs.LevelAttributes:
     level = record.levels[index]
     low, high = _value_range(level)
     lossless = level.errors.max_abs == 0
     gradient = record.gradients.get(index)
     return attrs.LevelAttributes(
         shape_zyx=shape_zyx,
+        codec=codec,
         stored_nbytes=level.stored_nbytes,
         max_error=level.errors.max_abs,
         rmse=level.errors.rmse,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,11 +12,13 @@ from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store import attributes as attrs
 from octobrick.store.box import Box
+from octobrick.store.brick_codec import BrickCodec, codec_text, codec_to_json, require_codec
+from octobrick.store.rate_target import Dial, RateTarget
 from octobrick.store.reducers import REDUCERS
 from octobrick.store.sources import Source
-from octobrick.store.zarr_codec import require_volume_codec, s3dc_configuration
 
 DEFAULT_CODEC = S3dc(block=(8, 8, 8), bits=4)
+_ZSTD_OF_VOXELS, _ZSTD_OF_CODES = 3, 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,10 +30,12 @@ class IngestOptions:
         UnsupportedError: a codec whose codes volumes cannot hold.
     """
 
-    codec: S3dc | None
+    codec: BrickCodec | Sequence[BrickCodec]
+    psnr: float | None
+    ratio: float | None
     brick: int
     shard: int
-    zstd_level: int
+    zstd_level: int | None
     levels: int | None
     reducer: str | None
     gradients: bool
@@ -44,13 +49,16 @@ class IngestOptions:
     checkpoint_seconds: float
 
     def __post_init__(self) -> None:
-        if self.codec is not None:
-            require_volume_codec(self.codec)
+        for codec in self._given_codecs:
+            require_codec(codec)
+        if self.target is not None:
+            _ = self.dial
         _require("brick", self.brick, attrs.BRICK_MIN, attrs.BRICK_MAX)
         if self.brick % 2:
             raise InvalidInputError(f"brick {self.brick}: must be even", brick=self.brick)
         _require("shard", self.shard, 1, attrs.SHARD_BRICKS_MAX)
-        _require("zstd_level", self.zstd_level, 1, 19)
+        if self.zstd_level is not None:
+            _require("zstd_level", self.zstd_level, 1, 19)
         if self.levels is not None:
             _require("levels", self.levels, 1, attrs.LEVELS_MAX)
         if self.reducer is not None and self.reducer not in REDUCERS:
@@ -69,25 +77,67 @@ class IngestOptions:
                 f"checkpoint_seconds {self.checkpoint_seconds}: must be 0 or more"
             )
 
+    @property
+    def target(self) -> RateTarget | None:
+        """The PSNR or ratio for which codecs are to be found; None where these are given."""
+        return RateTarget.of(self.psnr, self.ratio)
+
+    @property
+    def dial(self) -> Dial:
+        """Where codecs for the target are looked for."""
+        return Dial.of(self.codec, is_default=self.codec is DEFAULT_CODEC)
+
+    def zstd_level_of(self, codec: BrickCodec) -> int:
+        """The effort of zstd behind a codec.
+
+        By default little where it has a code to work on, of which more effort makes a fiftieth at
+        best, and thrice as much time: docs/performance.md.
+        """
+        return self.zstd_level or (_ZSTD_OF_VOXELS if codec is None else _ZSTD_OF_CODES)
+
+    @property
+    def zstd_level_of_gradients(self) -> int:
+        """The same for directions of gradients."""
+        return self.zstd_level or _ZSTD_OF_CODES
+
     def reducer_of(self, source: Source) -> str:
         """What makes the coarser levels: as asked, else the mode of labels and the mean."""
         return self.reducer or ("mode" if self.has_labels(source) else "mean")
 
-    def codec_of(self, source: Source) -> S3dc | None:
-        """The bricks' code: as asked, else labels are kept exactly.
+    def codecs_of(self, source: Source, nlevels: int) -> tuple[BrickCodec, ...]:
+        """The bricks' code at each level: as asked, else labels are kept exactly.
 
         Raises:
-            InvalidInputError: a lossy codec was asked for, but a label has no neighbours.
+            InvalidInputError: more codecs than levels; a lossy codec was asked for, but a label
+                has no neighbours; or one with a codebook or background of another sample type.
+            UnsupportedError: a codec cannot code the source's sample type.
         """
-        if not self.has_labels(source) or self.codec is None:
-            return self.codec
-        if self.codec is not DEFAULT_CODEC:
+        given = self._given_codecs
+        if len(given) > nlevels:
             raise InvalidInputError(
-                f"{source.path}: labels are stored exactly, not by {self.codec}; choose lossless, "
-                "or say that these voxels are quantities (labels=False)",
-                path=str(source.path),
+                f"{len(given)} codecs, but {nlevels} levels; give one for all or one for each"
             )
-        return None
+        if self.has_labels(source):
+            if self.target is not None:
+                raise InvalidInputError(
+                    f"{source.path}: labels are stored exactly, so {self.target} cannot be had; "
+                    "leave it out, or say that these voxels are quantities (labels=False)",
+                    path=str(source.path),
+                )
+            if self.codec is DEFAULT_CODEC:
+                return (None,) * nlevels
+            for codec in given:
+                _require_exact(codec, source)
+        for codec in given:
+            require_codec(codec, source.dtype)
+        return given + (given[-1],) * (nlevels - len(given))
+
+    @property
+    def _given_codecs(self) -> tuple[BrickCodec, ...]:
+        given = tuple(self.codec) if isinstance(self.codec, Sequence) else (self.codec,)
+        if not given:
+            raise InvalidInputError("no codec; give one for all levels or one for each, or None")
+        return given
 
     def has_labels(self, source: Source) -> bool:
         """Whether voxels are names rather than quantities."""
@@ -97,7 +147,9 @@ class IngestOptions:
         """Everything that the bytes of a volume depend on, beside its source."""
         region = self.region and [list(self.region.start_zyx), list(self.region.stop_zyx)]
         return {
-            "codec": None if self.codec is None else s3dc_configuration(self.codec),
+            "codec": [codec_to_json(codec) for codec in self._given_codecs],
+            "psnr": self.psnr,
+            "ratio": self.ratio,
             "brick": self.brick,
             "shard": self.shard,
             "zstd_level": self.zstd_level,
@@ -110,6 +162,15 @@ class IngestOptions:
             "region": region,
             "replace_nonfinite": self.replace_nonfinite,
         }
+
+
+def _require_exact(codec: BrickCodec, source: Source) -> None:
+    if codec is not None:
+        raise InvalidInputError(
+            f"{source.path}: labels are stored exactly, not by {codec_text(codec)}; choose "
+            "lossless, or say that these voxels are quantities (labels=False)",
+            path=str(source.path),
+        )
 
 
 def _require(name: str, value: int, low: int, high: int) -> None:

@@ -2,64 +2,59 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from zipfile import BadZipFile
 
-from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder
+from octobrick.codec.errors import OctobrickError
 from octobrick.store.destination import clear
 from octobrick.store.errors import IngestCancelledError
 from octobrick.store.ingest_finish import IngestFinish
-from octobrick.store.ingest_options import IngestOptions
+from octobrick.store.ingest_plan import IngestPlan
 from octobrick.store.ingest_state import IngestState
 from octobrick.store.journal import Journal
-from octobrick.store.memory_plan import plan_memory
-from octobrick.store.piece_reader import PieceReader
+from octobrick.store.level_codecs import LevelCodecs
 from octobrick.store.progress import ProgressCallback, ProgressMeter
-from octobrick.store.pyramid import Pyramid, PyramidPlan
-from octobrick.store.reducers import level_shapes
+from octobrick.store.pyramid import Pyramid, feed
 from octobrick.store.report import IngestResult
-from octobrick.store.sources import Source
 from octobrick.store.volume_writer import VolumeRecord, VolumeWriter
-from octobrick.store.window import SCRATCH_PREFIX, Window, WindowShape
+from octobrick.store.window import SCRATCH_PREFIX
 
 _CHECKPOINT_SHARE = 0.05  # of the time that may go into checkpoints, where a disk is slow
+
+
+# What reading a checkpoint raises that this program did not write, or not whole.
+_DAMAGED = (KeyError, ValueError, TypeError, IndexError, OSError, BadZipFile, OctobrickError)
 
 
 class IngestRun:
     """One ingest under way.
 
     Args:
-        source: whose voxels are stored as they are read.
+        plan: how it is to work.
         dest: where the volume will be.
         folder: where it grows, locked; what is left there of an earlier run is taken up.
-        options: checked.
         progress: called after each piece.
         cancel: looked at after each piece.
     """
 
     def __init__(
         self,
-        source: Source,
+        plan: IngestPlan,
         dest: Path,
         folder: Path,
-        options: IngestOptions,
         progress: ProgressCallback | None,
         cancel: threading.Event | None,
     ) -> None:
+        source, options = plan.source, plan.options
+        self._plan = plan
         self._source = source
+        self._options = options
         self._dest = dest
         self._folder = folder
-        self._options = options
-        self._codec = options.codec_of(source)
-        self._reducer = options.reducer_of(source)
         self._cancel = cancel
-        self._nworkers = options.workers or len(os.sched_getaffinity(0))
-        self._shapes = level_shapes(source.shape_zyx, options.brick, options.levels)
-        self._reader = PieceReader(source, options.replace_nonfinite, options.brick)
         self._voxels_per_plane = source.nc * source.shape_zyx[1] * source.shape_zyx[2]
         self._voxels_per_step = self._voxels_per_plane * source.shape_zyx[0]
         self._meter = ProgressMeter(source.nt * self._voxels_per_step, progress)
@@ -67,27 +62,21 @@ class IngestRun:
             folder, {"source": source.fingerprint(), "options": options.to_json()}
         )
         self._state = self._fresh_state()
-        self._plan = self._make_plan()
-        self._memory = plan_memory(
-            self._plan,
-            nc=source.nc,
-            nworkers=self._nworkers,
-            piece_nbytes=self._reader.piece_nbytes,
-            limit_nbytes=options.memory_nbytes,
-        )
+        self._codecs = LevelCodecs(())  # until the run begins
         self._last_seconds = time.monotonic()
         self._checkpoint_cost_seconds = 0.0
 
     def run(self, *, restart: bool) -> IngestResult:
         """Do all that remains to be done."""
-        with ThreadPoolExecutor(self._nworkers, thread_name_prefix="octobrick-encode") as executor:
+        nworkers = self._plan.nworkers
+        with ThreadPoolExecutor(nworkers, thread_name_prefix="octobrick-encode") as executor:
             self._executor = executor
             self._take_up(restart=restart)
             while self._state.t < self._source.nt:
                 self._ingest_step()
                 self._state.t, self._state.z, self._state.pyramids = self._state.t + 1, 0, []
-        finish = IngestFinish(self._source, self._dest, self._folder, self._options)
-        return finish.run(self._state.record, self._shapes, self._meter)
+        finish = IngestFinish(self._plan, self._codecs, self._dest, self._folder)
+        return finish.run(self._state.record, self._meter)
 
     # Going on where an earlier run was
 
@@ -98,13 +87,23 @@ class IngestRun:
         if checkpoint is not None:
             try:
                 with checkpoint:
+                    self._codecs = LevelCodecs.from_facts(
+                        checkpoint.facts, len(self._plan.shapes_zyx)
+                    )
                     self._state.restore(checkpoint, self._begin_step)
-            except (KeyError, ValueError, TypeError, IndexError, OSError, BadZipFile):
+            except _DAMAGED:
                 # Not what this program left: begin again rather than build on it.
                 self._state = self._fresh_state()
                 checkpoint = None
         if checkpoint is None:
             clear(self._folder)
+            self._codecs = LevelCodecs.find(
+                self._source,
+                self._options,
+                self._plan.shapes_zyx,
+                self._executor,
+                self._note_measurement,
+            )
         done = self._state.t * self._voxels_per_step + self._state.z * self._voxels_per_plane
         self._meter.begin_at(done)
 
@@ -113,7 +112,7 @@ class IngestRun:
         record = VolumeRecord(
             source.nt,
             source.nc,
-            self._shapes,
+            self._plan.shapes_zyx,
             options.brick,
             source.dtype,
             has_gradients=options.gradients,
@@ -128,9 +127,22 @@ class IngestRun:
 
     def _checkpoint(self) -> None:
         started = time.monotonic()
-        self._journal.write(*self._state.pack())
+        facts, arrays = self._state.pack()
+        self._journal.write(facts | self._codecs.to_facts(), arrays)
         self._last_seconds = time.monotonic()
         self._checkpoint_cost_seconds = self._last_seconds - started
+
+    def _note_measurement(self) -> None:
+        self._meter.advance(0, "measure")
+        if self._cancel is not None and self._cancel.is_set():
+            raise self._cancelled()
+
+    def _cancelled(self) -> IngestCancelledError:
+        return IngestCancelledError(
+            f"{self._dest}: the ingest was cancelled; run it again to go on where it is",
+            path=str(self._dest),
+            done_voxels=self._meter.done_voxels,
+        )
 
     # Reading and writing
 
@@ -140,21 +152,15 @@ class IngestRun:
         if not state.pyramids:
             state.pyramids = self._begin_step(state.t)
         self._last_seconds, last_layer = time.monotonic(), -1
-        for piece in self._reader.pieces(state.t, state.z):
-            for pyramid, own in zip(state.pyramids, piece.voxels, strict=True):
-                pyramid.put(piece.z, piece.y, own)
-                pyramid.complete_to(piece.stop_z)
+        for piece in self._plan.reader.pieces(state.t, state.z):
+            feed(state.pyramids, piece)
             self._meter.advance(piece.voxels.size, "encode")
             if piece.stop_z == piece.z:
                 continue  # more rows of these planes are to come
             state.z = piece.stop_z
             if self._cancel is not None and self._cancel.is_set():
                 self._checkpoint()
-                raise IngestCancelledError(
-                    f"{self._dest}: the ingest was cancelled; run it again to go on where it is",
-                    path=str(self._dest),
-                    done_voxels=self._meter.done_voxels,
-                )
+                raise self._cancelled()
             # Right behind a layer there is least to remember.
             layer = state.pyramids[0].nlayers_done
             if layer != last_layer and self._is_checkpoint_due():
@@ -162,25 +168,6 @@ class IngestRun:
                 last_layer = layer
 
     def _begin_step(self, t: int) -> list[Pyramid]:
+        plan = self._plan.pyramid(self._codecs.codecs, self._folder)
         writer = self._state.writer
-        return [Pyramid(self._plan, t, c, self._executor, writer) for c in range(self._source.nc)]
-
-    def _make_window(self, array: str, shape: WindowShape) -> Window:
-        return self._memory.window(self._folder, array, shape)
-
-    def _make_plan(self) -> PyramidPlan:
-        options = self._options
-        return PyramidPlan(
-            shapes_zyx=self._shapes,
-            dtype=self._source.dtype,
-            encoders=[BrickEncoder(self._codec, options.brick, options.zstd_level)]
-            * len(self._shapes),
-            reducer=self._reducer,
-            spacing_zyx=self._source.spacing_zyx,
-            directions=(
-                DirectionEncoder(options.brick, options.zstd_level) if options.gradients else None
-            ),
-            source_nplanes=self._reader.nplanes,
-            make_window=self._make_window,
-            nahead=4 * self._nworkers,
-        )
+        return [Pyramid(plan, t, c, self._executor, writer) for c in range(self._source.nc)]

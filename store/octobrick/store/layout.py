@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from zarr.codecs import BytesCodec, ZstdCodec
+from zarr.codecs import ZstdCodec
 
-from octobrick.codec import S3dc
 from octobrick.store.attributes import VolumeAttributes
+from octobrick.store.brick_codec import BrickCodec, zarr_serializer
 from octobrick.store.brick_encoder import NO_DIRECTION
-from octobrick.store.zarr_codec import S3dcZarrCodec
 
 MANIFEST_NAME = "manifest.json"
 METADATA_NBYTES_MAX = 64 * 2**20  # a manifest of half a million shards; more is not ours
@@ -48,15 +47,11 @@ def level_array(
     path: str,
     shape_tczyx: tuple[int, int, int, int, int],
     dtype: np.dtype[np.generic],
-    codec: S3dc | None,
+    codec: BrickCodec,
     layout: BrickLayout,
 ) -> None:
     """Write the metadata of the array of one level, whose shards are there."""
-    serializer = (
-        BytesCodec(endian=None if dtype.itemsize == 1 else "little")
-        if codec is None
-        else S3dcZarrCodec(codec)
-    )
+    serializer = zarr_serializer(codec, dtype)
     _brick_array(root, path, shape_tczyx, dtype, serializer, layout, fill_value=0)
 
 
@@ -65,7 +60,9 @@ def directions_array(
 ) -> None:
     """Write the metadata of the array of the gradients of one level, whose shards are there."""
     shape, dtype = (*shape_tczyx, 3), np.dtype(np.uint8)
-    _brick_array(root, path, shape, dtype, BytesCodec(endian=None), layout, fill_value=NO_DIRECTION)
+    _brick_array(
+        root, path, shape, dtype, zarr_serializer(None, dtype), layout, fill_value=NO_DIRECTION
+    )
 
 
 def _brick_array(

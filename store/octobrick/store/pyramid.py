@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from octobrick.codec import metrics
 from octobrick.store.box import Box, Zyx, ceil_div, grid_of
-from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder, EncodedBrick
-from octobrick.store.brick_work import BrickResult, BrickWork
+from octobrick.store.brick_encoder import DirectionEncoder, EncodedBrick
+from octobrick.store.brick_work import BrickResult, BrickWork, Encoder
 from octobrick.store.gradient_pyramid import GradientPyramid, gradient_array
 from octobrick.store.in_order import in_order
+from octobrick.store.piece_reader import Piece
 from octobrick.store.reducers import REDUCERS
 from octobrick.store.window import MakeWindow, Window, WindowShape
 
@@ -71,7 +72,7 @@ class PyramidPlan:
 
     shapes_zyx: tuple[Zyx, ...]
     dtype: np.dtype[np.generic]
-    encoders: Sequence[BrickEncoder]
+    encoders: Sequence[Encoder]
     reducer: str
     spacing_zyx: tuple[float, float, float]
     directions: DirectionEncoder | None
@@ -189,6 +190,13 @@ class Pyramid:
         while level is not None:
             yield level
             level = level.coarser
+
+
+def feed(pyramids: Sequence[Pyramid], piece: Piece) -> None:
+    """Give a piece of the source to the pyramids of its channels."""
+    for pyramid, own in zip(pyramids, piece.voxels, strict=True):
+        pyramid.put(piece.z, piece.y, own)
+        pyramid.complete_to(piece.stop_z)
 
 
 class _Span(NamedTuple):

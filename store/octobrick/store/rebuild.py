@@ -13,9 +13,10 @@ from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Box
 from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder
 from octobrick.store.errors import SourceMismatchError, VolumeFormatError
+from octobrick.store.gradient_pyramid import gradient_array
 from octobrick.store.piece_reader import PieceReader
 from octobrick.store.progress import ProgressMeter
-from octobrick.store.pyramid import Pyramid, PyramidPlan, Sink
+from octobrick.store.pyramid import Pyramid, PyramidPlan, Sink, feed
 from octobrick.store.sources import Source
 from octobrick.store.sources.converted import converted
 from octobrick.store.sources.region import RegionSource
@@ -84,16 +85,19 @@ class Rebuild:
         self._source = source
         self._sink = sink
         self._nworkers = nworkers
-        brick, zstd_level = volume.brick_shape_zyx[0], zstd_level_of(volume.path)
+        brick = volume.brick_shape_zyx[0]
         self._reader = PieceReader(source, replace_nonfinite, brick)
         shapes = tuple(level.shape_zyx for level in volume.levels)
         self._plan = PyramidPlan(
             shapes_zyx=shapes,
             dtype=volume.dtype,
-            encoders=[BrickEncoder(volume.codec, brick, zstd_level)] * len(shapes),
+            encoders=[
+                BrickEncoder(volume.level_codec(i), brick, zstd_level_of(volume.path, str(i)))
+                for i in range(len(shapes))
+            ],
             reducer=volume.metadata()["reducer"],
             spacing_zyx=source.spacing_zyx,
-            directions=DirectionEncoder(brick, zstd_level) if volume.gradients else None,
+            directions=_direction_encoder(volume),
             source_nplanes=self._reader.nplanes,
             make_window=memory_window,
             nahead=4 * nworkers,
@@ -107,19 +111,24 @@ class Rebuild:
                     Pyramid(self._plan, t, c, executor, self._sink) for c in range(self._source.nc)
                 ]
                 for piece in self._reader.pieces(t, 0):
-                    for pyramid, own in zip(pyramids, piece.voxels, strict=True):
-                        pyramid.put(piece.z, piece.y, own)
-                        pyramid.complete_to(piece.stop_z)
+                    feed(pyramids, piece)
                     meter.advance(piece.voxels.size, "verify")
 
 
-def zstd_level_of(path: Path) -> int:
-    """The zstd level of a volume's frames, from the metadata of its first level.
+def _direction_encoder(volume: Volume) -> DirectionEncoder | None:
+    if volume.gradients is None:
+        return None
+    zstd_level = zstd_level_of(volume.path, gradient_array(volume.gradients.levels[0]))
+    return DirectionEncoder(volume.brick_shape_zyx[0], zstd_level)
+
+
+def zstd_level_of(path: Path, array: str) -> int:
+    """The zstd level of the frames of one of a volume's arrays, from its metadata.
 
     Raises:
         VolumeFormatError: it is not there.
     """
-    file = path / "0" / "zarr.json"
+    file = path / array / "zarr.json"
     try:
         codecs: list[dict[str, Any]] = json.loads(file.read_bytes())["codecs"][0]["configuration"][
             "codecs"

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from octobrick.store.attributes import Number
 from octobrick.store.box import Zyx
+from octobrick.store.brick_codec import BrickCodec, codec_to_json
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +16,8 @@ class LevelReport:
 
     ``ratio`` is uncompressed bytes over bytes on disk. ``psnr_db`` (peak: the level's largest
     minus its smallest voxel) and ``max_error`` compare decoded voxels with that level's; None and
-    0 where nothing was lost. ``gradient_nbytes`` are those of gradients on disk; None without any.
+    0 where nothing was lost. ``codec`` is what the level's bricks are coded by. ``gradient_nbytes``
+    are those of gradients on disk; None without any.
     """
 
     index: int
@@ -25,6 +27,7 @@ class LevelReport:
     ratio: float | None
     psnr_db: float | None
     max_error: Number
+    codec: BrickCodec
     gradient_nbytes: int | None
 
 
@@ -52,4 +55,9 @@ class IngestResult:
 
     def to_dict(self) -> dict[str, Any]:
         """The result as JSON-ready values."""
-        return asdict(self)
+        levels = [
+            {f.name: getattr(level, f.name) for f in fields(level)}
+            | {"codec": codec_to_json(level.codec)}
+            for level in self.levels
+        ]
+        return {f.name: getattr(self, f.name) for f in fields(self)} | {"levels": levels}

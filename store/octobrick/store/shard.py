@@ -266,6 +266,11 @@ class ShardCache:
         )
 
 
+def index_nbytes(nslots: int) -> int:
+    """Bytes of a shard beside its frames."""
+    return nslots * _SLOT_NBYTES + _CRC_NBYTES
+
+
 def shard_key(brick_zyx: Zyx, shard_bricks_zyx: Zyx, t: int, c: int) -> str:
     """The path of a brick's shard below its level, in Zarr's default chunk key encoding."""
     z, y, x = (i // n for i, n in zip(brick_zyx, shard_bricks_zyx, strict=True))

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from octobrick.codec import Zerobit
 from octobrick.codec.errors import CorruptDataError
 from octobrick.store.box import Box, Zyx, cell_box
 from octobrick.store.gradient_pyramid import gradient_array
@@ -129,13 +130,14 @@ class _Checker:
         self._volume, self._level, self._t, self._c = volume, level, t, c
         self._level_box = Box.of_shape(volume.levels[level].shape_zyx)
         self._ranges: NDArray[np.generic] | None = None
+        self._fidelity: NDArray[np.float32] | None = None
         self.problems: list[Problem] = []
         try:
             self._ranges = volume.ranges(level, t, c)
         except CorruptDataError as error:
             self.problems.append(Problem("range", f"range/{level}", error.message, level))
         try:
-            volume.fidelity(level, t, c)
+            self._fidelity = volume.fidelity(level, t, c)
         except CorruptDataError as error:
             self.problems.append(Problem("fidelity", f"fidelity/{level}", error.message, level))
 
@@ -165,7 +167,8 @@ class _Checker:
             return []
         low, high = self._ranges[brick_zyx]
         own = voxels[Box.of_shape(self.box(brick_zyx).shape_zyx).slices]
-        if low <= own.min() and own.max() <= high:
+        slack = self._slack(brick_zyx)
+        if float(low) - slack <= float(own.min()) and float(own.max()) <= float(high) + slack:
             return []
         message = (
             f"brick (t, c, z, y, x) = {at} of level {self._level} decodes to {own.min()} to "
@@ -184,6 +187,12 @@ class _Checker:
             path = f"{gradient_array(self._level)}/{key}/0"
             return [Problem("brick", path, error.message, self._level, at)]
         return []
+
+    def _slack(self, brick_zyx: Zyx) -> float:
+        """How far decoded voxels may leave the range: zerobit's background can be any value."""
+        if self._fidelity is None or not isinstance(self._volume.level_codec(self._level), Zerobit):
+            return 0.0
+        return float(self._fidelity[brick_zyx][0])
 
     def box(self, brick_zyx: Zyx) -> Box:
         """The voxels of a brick that the level has."""

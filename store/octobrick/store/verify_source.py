@@ -76,14 +76,18 @@ class _Comparison:
     def take(self, address: Address, encoded: EncodedBrick) -> None:
         volume, (array, t, c, brick_zyx) = self._volume, address
         level, is_gradient = int(array.rpartition("/")[2]), not array.isdecimal()
-        code, decompressed = volume.brick_code, volume.decompressed
+        code = volume.brick_code
         if is_gradient and volume.gradients is not None:
-            code, decompressed = volume.gradients.code, volume.gradients.decompressed
+            code = volume.gradients.code
         try:
             stored = code(level, brick_zyx, t, c)
         except CorruptDataError:
             return  # verify has said so
-        made = None if encoded.frame is None else decompressed(encoded.frame)
+        made = None
+        if encoded.frame is not None and is_gradient and volume.gradients is not None:
+            made = volume.gradients.decompressed(encoded.frame)
+        elif encoded.frame is not None:
+            made = volume.decompressed(encoded.frame, level)
         if stored != made:
             what = "gradients" if is_gradient else "voxels"
             self._add(what, address, level, f"does not hold the {what} of the source")

@@ -12,14 +12,14 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
-from octobrick.codec import S3dc, metrics
+from octobrick.codec import metrics
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
+from octobrick.store import brick_codec
 from octobrick.store import frame as zstd_frame
 from octobrick.store.attributes import Number, VolumeAttributes
 from octobrick.store.box import Box, Zyx, cell_box, cells_touching, grid_of
-from octobrick.store.errors import (
-    VolumeFormatError,
-)
+from octobrick.store.brick_codec import BrickCodec, codec_text
+from octobrick.store.errors import VolumeFormatError
 from octobrick.store.layout import MANIFEST_NAME
 from octobrick.store.level import Level, Xyz
 from octobrick.store.shard import ShardCache, shard_key
@@ -92,7 +92,7 @@ class Volume:
     def __repr__(self) -> str:
         return (
             f"<Volume {self.name!r}: {self.dtype} {self.levels[0].shape_zyx} (z, y, x), "
-            f"{len(self.levels)} levels, {self.codec or 'lossless'}>"
+            f"{len(self.levels)} levels, {codec_text(self.codec)}>"
         )
 
     def close(self) -> None:
@@ -110,9 +110,17 @@ class Volume:
         return np.dtype(self._attributes.dtype)
 
     @property
-    def codec(self) -> S3dc | None:
-        """The fixed-layout code of the bricks; None where voxels are stored exactly."""
+    def codec(self) -> BrickCodec:
+        """What the bricks of level 0 are coded by; None where voxels are stored as they are."""
         return self._attributes.codec
+
+    def level_codec(self, level: int) -> BrickCodec:
+        """What the bricks of a level are coded by; None where voxels are stored as they are.
+
+        Raises:
+            InvalidInputError: there is no such level.
+        """
+        return self._attributes.levels[self.level(level).index].codec
 
     @property
     def brick_shape_zyx(self) -> Zyx:
@@ -201,7 +209,7 @@ class Volume:
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick without the entropy layer, as a GPU takes it; None where the brick is absent.
 
-        S3Dc code, or the raw little-endian voxels of a lossless volume; the checksum is checked.
+        The codec's code, or raw little-endian voxels where there is none; the checksum is checked.
 
         Raises:
             CorruptBrickError: naming the file, the brick and both checksums.
@@ -211,7 +219,7 @@ class Volume:
         if stored is None:
             return None
         try:
-            return self.decompressed(stored)
+            return self.decompressed(stored, level)
         except CorruptBrickError as error:
             raise self._located(error, level, zyx, t, c) from error
 
@@ -227,11 +235,9 @@ class Volume:
         code = self.brick_code(level, zyx, t, c)
         if code is None:
             return np.full(self.brick_shape_zyx, self.fill_value, self.dtype)
-        if self.codec is None:
-            voxels = np.frombuffer(code, self.dtype.newbyteorder("<"))
-            return voxels.reshape(self.brick_shape_zyx).astype(self.dtype)
+        codec = self.level_codec(level)
         try:
-            return self.codec.decode(code, self.brick_shape_zyx, self.dtype)
+            return brick_codec.decode(codec, code, self.brick_shape_zyx, self.dtype)
         except CorruptBrickError as error:
             raise self._located(error, level, zyx, t, c) from error
 
@@ -271,28 +277,21 @@ class Volume:
             whole = list(cells_touching(bricks, (1, 1, 1)))
             yield self.shard_key(whole[0], t, c), whole
 
-    def decompressed(self, stored: bytes) -> bytes:
-        """What `stored_brick` gave, without the entropy layer.
+    def decompressed(self, stored: bytes, level: int) -> bytes:
+        """What `stored_brick` gave for a level, without the entropy layer.
 
         Raises:
             CorruptBrickError: the frame is damaged, or holds more or less than a brick of this
-                volume can take.
+                level can take.
         """
-        is_variable = self.codec is not None and self.codec.variable
-        return zstd_frame.decompress(stored, self.code_nbytes_max, at_most=is_variable)
+        is_variable = not brick_codec.has_one_size(self.level_codec(level))
+        return zstd_frame.decompress(stored, self.code_nbytes_max(level), at_most=is_variable)
 
-    @cached_property
-    def code_nbytes_max(self) -> int:
-        """The most bytes that a brick's code takes; what each takes, but for variable rate."""
-        voxels_nbytes = int(np.prod(self.brick_shape_zyx)) * self.dtype.itemsize
-        if self.codec is None:
-            return voxels_nbytes
-        if not self.codec.variable:
-            return self.codec.encoded_nbytes(self.brick_shape_zyx, self.dtype)
-        # Voxels raw, and per block its end points and at most four words of tables.
-        nblocks = int(np.prod(grid_of(self.brick_shape_zyx, self.codec.block)))
-        padded_nbytes = nblocks * int(np.prod(self.codec.block)) * self.dtype.itemsize
-        return padded_nbytes + nblocks * (2 * self.dtype.itemsize + 16) + 1024
+    def code_nbytes_max(self, level: int) -> int:
+        """The most bytes that a code takes at a level; what each takes, but for variable rate."""
+        return brick_codec.code_nbytes_max(
+            self.level_codec(level), self.brick_shape_zyx, self.dtype
+        )
 
     # What is known per brick
 

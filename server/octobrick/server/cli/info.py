@@ -55,6 +55,8 @@ def _is_volume(path: Path) -> bool:
 
 
 def _print_volume(volume: Volume) -> None:
+    from octobrick.store.brick_codec import codec_text
+
     spacing = ", ".join(f"{size:g}" for size in volume.levels[0].spacing_xyz)
     low, high = volume.value_range
     dark, bright = volume.window
@@ -63,7 +65,6 @@ def _print_volume(volume: Volume) -> None:
             "volume": volume.name,
             "revision": volume.revision,
             "dtype": str(volume.dtype),
-            "codec": "lossless" if volume.codec is None else str(volume.codec),
             "brick": format_shape(volume.brick_shape_zyx),
             "time steps": volume.nt,
             "channels": volume.nc,
@@ -73,7 +74,7 @@ def _print_volume(volume: Volume) -> None:
         }
     )
     print_table(
-        ("level", "z×y×x", "bricks", "size", "stored", "ratio", "PSNR", "max error"),
+        ("level", "z×y×x", "bricks", "size", "stored", "ratio", "PSNR", "max error", "codec"),
         (
             (
                 str(level.index),
@@ -84,6 +85,7 @@ def _print_volume(volume: Volume) -> None:
                 format_ratio(level.nbytes, level.stored_nbytes),
                 format_psnr(level.psnr_db),
                 f"{level.max_error:g}",
+                codec_text(volume.level_codec(level.index)),
             )
             for level in volume.levels
         ),

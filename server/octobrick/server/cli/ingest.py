@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from octobrick.server.cli.codec_options import codec_options, take_codec
 from octobrick.server.cli.failure import EXIT_INTERRUPTED
 from octobrick.server.cli.source_options import open_given, source_options
 from octobrick.server.cli.stoppable import cancellable
@@ -23,7 +24,6 @@ from octobrick.server.cli.text import (
 from octobrick.server.cli.values import Ends, nbytes, numbers, ranges
 
 if TYPE_CHECKING:
-    from octobrick.codec import S3dc
     from octobrick.store import Box, IngestResult
     from octobrick.store.report import LevelReport
 
@@ -31,19 +31,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("source")
 @click.argument("dest", type=click.Path(path_type=Path))
-@click.option(
-    "--codec",
-    type=click.Choice(["s3dc", "lossless"]),
-    help="How bricks are compressed before zstd.  [default: s3dc, of labels lossless]",
-)
-@click.option("--bits", type=int, help="Bits of an S3Dc index, 1 to 8.  [default: 4]")
-@click.option(
-    "--max-error", type=float, help="Largest error that S3Dc may make, instead of --bits."
-)
-@click.option(
-    "--bits-per-voxel", type=float, help="Mean size of a brick's S3Dc code, instead of --bits."
-)
-@click.option("--block", type=int, help="Voxels along each side of an S3Dc block.  [default: 8]")
+@codec_options
 @click.option(
     "--brick", type=int, default=64, show_default=True, help="Voxels along each side of a brick."
 )
@@ -51,7 +39,7 @@ if TYPE_CHECKING:
     "--shard", type=int, default=4, show_default=True, help="Bricks along each side of a shard."
 )
 @click.option(
-    "--zstd-level", type=int, default=3, show_default=True, help="Effort of zstd, 1 to 19."
+    "--zstd-level", type=int, help="Effort of zstd, 1 to 19.  [default: 1, of lossless 3]"
 )
 @click.option("--levels", type=int, help="Levels of the pyramid.  [default: until one brick]")
 @click.option(
@@ -98,11 +86,6 @@ if TYPE_CHECKING:
 def ingest(
     source: str,
     dest: Path,
-    codec: str | None,
-    bits: int | None,
-    max_error: float | None,
-    bits_per_voxel: float | None,
-    block: int | None,
     region: Ends | None,
     as_json: bool,
     quiet: bool,
@@ -118,8 +101,7 @@ def ingest(
     from octobrick.server.cli.progress import ProgressReport
     from octobrick.store.errors import IngestCancelledError
 
-    rule = {"bits": bits, "max_error": max_error, "bits_per_voxel": bits_per_voxel}
-    chosen = _codec(codec, {k: v for k, v in rule.items() if v is not None}, block)
+    coding = take_codec(options)
     try:
         with cancellable() as cancel:
             itemsize = _announce(source, options, quiet=quiet or as_json)
@@ -127,7 +109,7 @@ def ingest(
                 result = store.ingest(
                     source,
                     dest,
-                    codec=chosen,
+                    **coding,
                     region=_region(region),
                     progress=progress,
                     cancel=cancel,
@@ -140,27 +122,6 @@ def ingest(
         click.echo(json.dumps(result.to_dict()))
     elif not quiet:
         _print_result(result)
-
-
-def _codec(name: str | None, rule: dict[str, Any], block: int | None) -> S3dc | None:
-    """The brick codec; ``rule`` is what was said of its rate."""
-    from octobrick.codec import S3dc
-    from octobrick.store.ingest_options import DEFAULT_CODEC
-
-    if len(rule) > 1:
-        raise click.UsageError("Give one of --bits, --max-error and --bits-per-voxel.")
-    if name != "lossless":
-        if name is None and not rule and block is None:
-            return DEFAULT_CODEC
-        # With a width per block, small blocks cost little and gain much: docs/performance.md.
-        side = block if block is not None else 8 if "bits" in rule or not rule else 4
-        return S3dc(block=(side, side, side), **(rule or {"bits": 4}))
-    if rule or block is not None:
-        raise click.UsageError(
-            "--bits, --max-error, --bits-per-voxel and --block describe S3Dc; leave them out with "
-            "lossless."
-        )
-    return None
 
 
 def _region(ends: Ends | None) -> Box | None:
@@ -206,9 +167,11 @@ def _remains(dest: Path) -> str:
 
 
 def _print_result(result: IngestResult) -> None:
+    from octobrick.store.brick_codec import codec_text
+
     gradients = any(level.gradient_nbytes is not None for level in result.levels)
     print_table(
-        ("level", "z×y×x", "size", "stored", "ratio", "PSNR", "max error")
+        ("level", "z×y×x", "size", "stored", "ratio", "PSNR", "max error", "codec")
         + (("gradients",) if gradients else ()),
         (
             (
@@ -219,6 +182,7 @@ def _print_result(result: IngestResult) -> None:
                 format_ratio(level.nbytes, level.stored_nbytes),
                 format_psnr(level.psnr_db),
                 f"{level.max_error:g}",
+                codec_text(level.codec),
                 *((_gradients(level),) if gradients else ()),
             )
             for level in result.levels
