@@ -6,15 +6,14 @@ bytes of a chunk name, and reads beyond the end of one that is shorter.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from zarr.abc.store import ByteRequest, Store
 from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import WrapperStore
 
 from octobrick.store.errors import TruncatedSourceError
+from octobrick.store.sources.location import Location
 
-_METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs", ".zmetadata")
+METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs", ".zmetadata")
 _BLOSC_HEADER_NBYTES = 16
 
 
@@ -29,7 +28,7 @@ class WholeStore(WrapperStore[Store]):
         path: what messages call it.
     """
 
-    def __init__(self, store: Store, path: Path) -> None:
+    def __init__(self, store: Store, path: Location) -> None:
         super().__init__(store)
         self._path = path
         self.has_blosc = False
@@ -49,7 +48,7 @@ class WholeStore(WrapperStore[Store]):
                 path=str(self._path),
                 key=key,
             )
-        if value is not None and self.has_blosc and key.rsplit("/", 1)[-1] not in _METADATA:
+        if value is not None and self.has_blosc and key.rsplit("/", 1)[-1] not in METADATA:
             self._require_whole(key, value)
         return value
 
