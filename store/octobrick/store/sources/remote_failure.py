@@ -38,13 +38,16 @@ def is_broken_off(error: Exception) -> bool:
     return "HttpError {" in text and "RetryError" not in text
 
 
-def explained(error: Exception, url: Url, key: str) -> OctobrickError:
+def explained(
+    error: Exception, url: Url, key: str, *, knows_ranges: bool = False
+) -> OctobrickError:
     """Our error for one of obstore's.
 
     Args:
         error: what obstore raised.
         url: of the source.
         key: of the object, below the address.
+        knows_ranges: whether the server has sent parts of files before.
     """
     if isinstance(error, OctobrickError):
         return error
@@ -52,6 +55,12 @@ def explained(error: Exception, url: Url, key: str) -> OctobrickError:
     text = text[max(0, text.find(_OBJECTS)) :] if _STATUS.search(text) else text
     where = f"{url}: {printable(key) or 'it'} cannot be read"
     facts = {"path": str(url), "key": printable(key)}
+    if isinstance(error, NotSupportedError) and knows_ranges:
+        return SourceUnreachableError(
+            f"{where}: the server sends something else than the part that was asked for, as a "
+            "page for a login is; look at the address with a browser",
+            **facts,
+        )
     if isinstance(error, NotSupportedError):
         return UnsupportedSourceError(
             f"{where} in part: the server sends whole files only (no HTTP Range), and sharded "

@@ -80,6 +80,7 @@ class RemoteStore(ObjectStore[Any]):
         self._kept: OrderedDict[tuple[str, Range], Any] = OrderedDict()
         self._kept_nbytes = 0
         self._lock = threading.Lock()
+        self._knows_ranges = False
         self._misses = False
         self._checked_seconds = time.monotonic()
 
@@ -181,7 +182,7 @@ class RemoteStore(ObjectStore[Any]):
                 if is_broken_off(error) and attempt < _ATTEMPTS:
                     await asyncio.sleep(_PAUSE_SECONDS * 2**attempt)
                     continue
-                failure = explained(error, self._url, key)
+                failure = explained(error, self._url, key, knows_ranges=self._knows_ranges)
                 if _is_metadata(key) and isinstance(
                     error, PermissionDeniedError | UnauthenticatedError
                 ):
@@ -203,6 +204,7 @@ class RemoteStore(ObjectStore[Any]):
         self._require_sensible(key, answer)
         if _is_metadata(key) and key not in self._stamps:
             self._stamps[key] = Stamp.of(answer.meta)
+        self._knows_ranges |= part is not None
         return await answer.bytes_async()
 
     def _require_sensible(self, key: str, answer: GetResult) -> None:
