@@ -53,10 +53,9 @@ class WholeStore(WrapperStore[Store]):
         return value
 
     def _require_whole(self, key: str, value: Buffer) -> None:
-        """Compare the length of a chunk with the one in its header, bytes 12 to 15."""
-        nbytes = len(value)
-        said = int.from_bytes(value[12:_BLOSC_HEADER_NBYTES].to_bytes(), "little")
-        if nbytes < _BLOSC_HEADER_NBYTES or said != nbytes:
+        """Compare the length of a chunk with the one in its header."""
+        nbytes, said = len(value), blosc_nbytes(value)
+        if said != nbytes:
             raise TruncatedSourceError(
                 f"{self._path}: {key} has {nbytes} bytes, its blosc header says {said}; copy or "
                 "export the data again",
@@ -65,3 +64,9 @@ class WholeStore(WrapperStore[Store]):
                 expected_nbytes=said,
                 actual_nbytes=nbytes,
             )
+
+
+def blosc_nbytes(chunk: Buffer) -> int:
+    """How long a chunk of blosc says that it is, in bytes 12 to 15; a header at least."""
+    said = int.from_bytes(chunk[12:_BLOSC_HEADER_NBYTES].to_bytes(), "little")
+    return max(said, _BLOSC_HEADER_NBYTES)

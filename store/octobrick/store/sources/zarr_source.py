@@ -78,6 +78,7 @@ def open_zarr_store(
         InvalidInputError: no such dataset, several arrays and none named, axes that do not fit.
         UnsupportedSourceError: no array at all, or a sample type that is not read.
     """
+    from octobrick.store.sources.whole_blosc import checked
     from octobrick.store.sources.whole_store import WholeStore
 
     notes: list[str] = []
@@ -95,7 +96,9 @@ def open_zarr_store(
         description = _describe(array, axes, image, notes, path)
     metadata = [array.metadata.to_dict(), attributes]
     array.store.has_blosc = _ends_in_blosc(metadata[0])
-    return ZarrSource(path, description, axes, array, metadata, root and root / key, remote)
+    return ZarrSource(
+        path, description, axes, checked(array), metadata, root and root / key, remote
+    )
 
 
 class ZarrSource(ArraySource):
