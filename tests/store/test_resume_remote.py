@@ -71,6 +71,20 @@ def test_an_ingest_that_loses_its_server_again_and_again_ends_with_the_bytes_of_
     assert digests(dest) == digests(tmp_path / "local" / "v.zarr")
 
 
+def test_all_that_came_before_a_server_was_lost_is_kept_between_checkpoints(
+    web: Web, tmp_path: Path
+) -> None:
+    dest, options = tmp_path / "v.zarr", OPTIONS | {"checkpoint_seconds": 600}
+    web.trick = status(503, "c/2/1/1")
+    with pytest.raises(SourceUnreachableError):
+        ingest(f"{web.url}/a.zarr", dest, **options)
+    web.trick = lambda handler: False
+    result = ingest(f"{web.url}/a.zarr", dest, **options)
+    array = zarr.open_array(web.folder / "a.zarr", mode="r")
+    planes = 2 * (array.shards or array.chunks)[0]
+    assert result.resumed_voxels == planes * SHAPE[1] * SHAPE[2]
+
+
 @pytest.mark.parametrize(
     ("trick", "text"),
     [

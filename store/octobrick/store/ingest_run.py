@@ -16,7 +16,7 @@ from octobrick.store import attributes as attrs
 from octobrick.store.box import Box, grid_of
 from octobrick.store.brick_encoder import BrickEncoder
 from octobrick.store.destination import clear
-from octobrick.store.errors import IngestCancelledError
+from octobrick.store.errors import IngestCancelledError, SourceUnreachableError
 from octobrick.store.ingest_options import IngestOptions
 from octobrick.store.ingest_state import ChannelState, IngestState
 from octobrick.store.journal import Journal
@@ -123,7 +123,15 @@ class IngestRun:
     # Reading and writing
 
     def _ingest_step(self) -> None:
-        """All planes of the time step under way."""
+        """All planes of the time step under way; a lost server costs none that have come."""
+        try:
+            self._ingest_planes()
+        except SourceUnreachableError:
+            if self._state.t or self._state.z:
+                self._checkpoint()
+            raise
+
+    def _ingest_planes(self) -> None:
         state = self._state
         if not state.channels:
             state.channels = self._begin_step(state.t)

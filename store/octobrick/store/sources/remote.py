@@ -25,6 +25,7 @@ _SILENCE_SECONDS = 30.0
 _ANSWER_SECONDS = 600.0
 _BACKOFF_SECONDS = 0.2
 _BACKOFF_LIMIT_SECONDS = 10.0
+_BACKOFF_BASE = 4  # pauses are drawn from one to so many times the last: twice it on average
 # A slip of the pen in an address should be told at once; hours of reading are worth waiting for.
 _RETRIES_AT_FIRST = 2
 _RETRIES = 9
@@ -51,11 +52,13 @@ def open_remote(url: Url, pick: Pick) -> Source:
         import obstore  # noqa: F401  in the extra "remote"
     except ImportError as error:
         raise missing_package("obstore", url, extra="remote") from error
+    from octobrick.store.sources.reading import reading
     from octobrick.store.sources.remote_store import RemoteStore
 
     store = RemoteStore(url, _connect(url, _RETRIES_AT_FIRST))
     try:
-        source = open_zarr_store(store, url, pick, remote=store)
+        with reading():
+            source = open_zarr_store(store, url, pick, remote=store)
     except (SourceNotFoundError, InvalidInputError) as error:
         if store.refusal is not None:
             raise store.refusal from error
@@ -85,7 +88,7 @@ def _connect(url: Url, retries: int) -> HTTPStore | S3Store:
         "backoff": {
             "init_backoff": timedelta(seconds=_BACKOFF_SECONDS),
             "max_backoff": timedelta(seconds=_BACKOFF_LIMIT_SECONDS),
-            "base": 2,
+            "base": _BACKOFF_BASE,
         },
     }
     try:

@@ -24,6 +24,7 @@ from zarr.storage import ObjectStore
 from octobrick.codec.errors import InvalidInputError, OctobrickError
 from octobrick.store.errors import SourceError, SourceMismatchError, SourceUnreachableError
 from octobrick.store.sources.location import Url
+from octobrick.store.sources.reading import requesting
 from octobrick.store.sources.remote_failure import explained, is_broken_off
 from octobrick.store.sources.whole_store import METADATA
 
@@ -96,7 +97,8 @@ class RemoteStore(ObjectStore[Any]):
         place = (key, _range_of(byte_range))
         value = self._take(place)
         if value is None:
-            value = await self._fetch(*place)
+            with requesting():
+                value = await self._fetch(*place)
             if value is None:
                 return None
             self._keep(place, value)

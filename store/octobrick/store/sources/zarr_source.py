@@ -150,7 +150,10 @@ class ZarrSource(ArraySource):
                     yield path, path.stat()
 
     def _select(self, index: tuple[int | slice, ...]) -> npt.NDArray[Any]:
-        voxels = np.asarray(self._array[index])
+        from octobrick.store.sources.reading import reading
+
+        with reading():
+            voxels = np.asarray(self._array[index])
         if self._remote is not None:
             self._remote.require_unchanged()
         return voxels
