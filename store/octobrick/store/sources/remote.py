@@ -23,12 +23,12 @@ _CONNECT_SECONDS = 10.0
 _SILENCE_SECONDS = 30.0
 # Of a whole answer, so that even a server that sends a byte now and then is given up.
 _ANSWER_SECONDS = 600.0
-_BACKOFF_SECONDS = 0.2
+_BACKOFF_SECONDS = 0.5
 _BACKOFF_LIMIT_SECONDS = 10.0
 _BACKOFF_BASE = 4  # pauses are drawn from one to so many times the last: twice it on average
 # A slip of the pen in an address should be told at once; hours of reading are worth waiting for.
 _RETRIES_AT_FIRST = 2
-_RETRIES = 9
+_RETRIES = 12
 _RETRIES_LIMIT_SECONDS = 120.0
 
 # Any of these says where credentials come from.
