@@ -52,11 +52,15 @@ class PieceReader:
             return
         with ThreadPoolExecutor(1, thread_name_prefix="octobrick-read") as reader:
             ahead = reader.submit(self._read, boxes[0], t)
-            for following in [*boxes[1:], None]:
-                planes = ahead.result()
-                if following is not None:
-                    ahead = reader.submit(self._read, following, t)
-                yield planes
+            try:
+                for following in [*boxes[1:], None]:
+                    planes = ahead.result()
+                    if following is not None:
+                        ahead = reader.submit(self._read, following, t)
+                    yield planes
+            except BaseException:  # nobody waits for what is read ahead, and a server may be silent
+                self._source.abandon()
+                raise
 
     def _read(self, box: Box, t: int) -> Voxels:
         planes = self._constant(box, t)

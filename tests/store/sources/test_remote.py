@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -234,6 +235,20 @@ def test_a_silent_server_is_given_up_in_time(web, folder, voxels, monkeypatch):
     ):
         read_all(source)
     assert time.monotonic() - started < 5
+
+
+def test_a_read_of_a_silent_server_can_be_abandoned(web, folder, voxels):
+    image(folder, voxels)
+    web.trick = silent("0/c/0/0/0", 0.5)
+    with open_source(f"{web.url}/b/a.zarr") as source, ThreadPoolExecutor(1) as executor:
+        read = executor.submit(read_all, source)
+        while not any("/c/0/0/0" in path for path in web.paths()):
+            time.sleep(0.01)
+        source.abandon()
+        with pytest.raises(SourceError, match="cannot be read"):
+            read.result(timeout=0.4)
+        web.trick = lambda handler: False
+        np.testing.assert_array_equal(read_all(source), voxels)
 
 
 @pytest.mark.parametrize("trick", [status, broken_off])

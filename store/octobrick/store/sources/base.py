@@ -238,6 +238,9 @@ class Source(ABC):
             "origin_xyz": list(self.origin_xyz),
         }
 
+    def abandon(self) -> None:  # noqa: B027
+        """End reads under way in other threads, where they may take long; they raise something."""
+
     def close(self) -> None:
         """Let go of the file; calling it again does nothing."""
         if not self._closed:

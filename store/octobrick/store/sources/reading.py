@@ -18,7 +18,7 @@ _PAUSES = 100
 
 
 class Reading:
-    """The tasks of one read; all but the constructor runs in the loop of zarr-python."""
+    """The tasks of one read; requests run in the loop of zarr-python."""
 
     def __init__(self) -> None:
         self._tasks: set[asyncio.Task[object]] = set()
@@ -40,6 +40,10 @@ class Reading:
         finally:
             self._tasks.discard(task)
 
+    def abandon(self) -> None:
+        """End it from another thread than the one that waits for it."""
+        sync(self.give_up())
+
     async def give_up(self) -> None:
         """End what is under way, and wait until it is, or for a second."""
         self._is_given_up = True
@@ -56,12 +60,12 @@ _CURRENT: ContextVar[Reading | None] = ContextVar("octobrick_reading", default=N
 
 
 @contextmanager
-def reading() -> Iterator[None]:
+def reading() -> Iterator[Reading]:
     """What zarr-python is asked in this block is one read."""
     current = Reading()
     token = _CURRENT.set(current)
     try:
-        yield
+        yield current
     except Exception:
         sync(current.give_up())
         raise

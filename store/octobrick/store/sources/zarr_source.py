@@ -26,6 +26,7 @@ from octobrick.store.sources.ngff import Ngff, parse_ngff
 from octobrick.store.sources.voxels import clean_spacing, require_dtype
 
 if TYPE_CHECKING:
+    from octobrick.store.sources.reading import Reading
     from octobrick.store.sources.remote_store import RemoteStore
 
 SUFFIX = ".zarr"
@@ -119,6 +120,7 @@ class ZarrSource(ArraySource):
         self._metadata = metadata
         self._folder = folder
         self._remote = remote
+        self._readings: set[Reading] = set()
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -152,11 +154,20 @@ class ZarrSource(ArraySource):
     def _select(self, index: tuple[int | slice, ...]) -> npt.NDArray[Any]:
         from octobrick.store.sources.reading import reading
 
-        with reading():
-            voxels = np.asarray(self._array[index])
+        with reading() as current:
+            self._readings.add(current)
+            try:
+                voxels = np.asarray(self._array[index])
+            finally:
+                self._readings.discard(current)
         if self._remote is not None:
             self._remote.require_unchanged()
         return voxels
+
+    def abandon(self) -> None:
+        """Cancel the requests under way."""
+        for current in tuple(self._readings):
+            current.abandon()
 
     def _close(self) -> None:
         self._array.store.close()
