@@ -36,7 +36,7 @@ def checked(array: Any) -> Any:
     codecs = tuple(map(_checked, array.metadata.codecs))
     if codecs == array.metadata.codecs:
         return array
-    inner = array.async_array
+    inner = array._async_array
     metadata = replace(array.metadata, codecs=codecs)
     return type(array)(type(inner)(metadata, inner.store_path, inner.config))
 
