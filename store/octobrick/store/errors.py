@@ -35,6 +35,12 @@ class UnsupportedSourceError(UnsupportedError):
     kind = "unsupported-source"
 
 
+class SourceUnreachableError(ResourceError):
+    """The server that holds a source does not answer, or refuses to: mend that, and run again."""
+
+    kind = "source-unreachable"
+
+
 class VolumeNotFoundError(NotFoundError):
     """There is no volume at this path: check the path, or ingest one."""
 

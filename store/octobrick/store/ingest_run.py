@@ -10,7 +10,7 @@ from zipfile import BadZipFile
 
 from octobrick.codec.errors import OctobrickError
 from octobrick.store.destination import clear
-from octobrick.store.errors import IngestCancelledError
+from octobrick.store.errors import IngestCancelledError, SourceUnreachableError
 from octobrick.store.ingest_finish import IngestFinish
 from octobrick.store.ingest_plan import IngestPlan
 from octobrick.store.ingest_state import IngestState
@@ -147,7 +147,15 @@ class IngestRun:
     # Reading and writing
 
     def _ingest_step(self) -> None:
-        """All planes of the time step under way."""
+        """All planes of the time step under way; a lost server costs none that have come."""
+        try:
+            self._ingest_planes()
+        except SourceUnreachableError:
+            if self._state.t or self._state.z:
+                self._checkpoint()
+            raise
+
+    def _ingest_planes(self) -> None:
         state = self._state
         if not state.pyramids:
             state.pyramids = self._begin_step(state.t)

@@ -87,13 +87,17 @@ class PieceReader:
         ny = self._source.shape_zyx[1]
         with ThreadPoolExecutor(1, thread_name_prefix="octobrick-read") as reader:
             ahead = reader.submit(self._read, box, t)
-            while box is not None:
-                voxels, following = ahead.result(), next(boxes, None)
-                if following is not None:
-                    ahead = reader.submit(self._read, following, t)
-                (z, y, _), (stop_z, stop_y, _) = box.start_zyx, box.stop_zyx
-                yield Piece(z, y, voxels, stop_z if stop_y == ny else z)
-                box = following
+            try:
+                while box is not None:
+                    voxels, following = ahead.result(), next(boxes, None)
+                    if following is not None:
+                        ahead = reader.submit(self._read, following, t)
+                    (z, y, _), (stop_z, stop_y, _) = box.start_zyx, box.stop_zyx
+                    yield Piece(z, y, voxels, stop_z if stop_y == ny else z)
+                    box = following
+            except BaseException:  # nobody waits for what is read ahead, and a server may be silent
+                self._source.abandon()
+                raise
 
     def _boxes(self, first_z: int) -> Iterator[Box]:
         nz, ny, nx = self._source.shape_zyx

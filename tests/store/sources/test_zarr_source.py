@@ -126,6 +126,31 @@ def test_chunks_of_shards_are_those_inside(tmp_path):
         assert source.chunk_zyx == (2, 4, 4)
 
 
+@pytest.mark.parametrize("box", [(8, 8, 8), (4, 8, 8)], ids=["whole-shard", "part"])
+def test_blosc_in_shards_that_is_longer_than_its_chunk_is_refused(tmp_path, box):
+    array = zarr.create_array(
+        tmp_path / "a.zarr",
+        shape=(8, 8, 8),
+        dtype="u2",
+        chunks=(4, 8, 8),
+        shards=(8, 8, 8),
+        compressors=zarr.codecs.BloscCodec(),
+    )
+    voxels = np.random.default_rng(3).integers(0, 999, (8, 8, 8), np.uint16)
+    array[:] = voxels
+    shard = next(path for path in (tmp_path / "a.zarr" / "c").rglob("*") if path.is_file())
+    with open_source(tmp_path / "a.zarr") as source:
+        np.testing.assert_array_equal(read_all(source), voxels)
+    content = bytearray(shard.read_bytes())
+    content[12:16] = (10**6).to_bytes(4, "little")
+    shard.write_bytes(content)
+    with (
+        open_source(tmp_path / "a.zarr") as source,
+        pytest.raises(SourceError, match=r"\d+ bytes, its blosc header says 1000000"),
+    ):
+        source.read(Box((0, 0, 0), box))
+
+
 def test_a_group_of_several_arrays_asks_for_one(tmp_path, voxels):
     group = zarr.create_group(tmp_path / "a.zarr")
     for name in ("one", "two"):

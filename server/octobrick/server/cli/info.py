@@ -26,10 +26,11 @@ if TYPE_CHECKING:
 @source_options
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def info(path: str, as_json: bool, **options: Any) -> None:
-    """Tell what is in PATH: a volume, or a file, folder or pattern to ingest."""
+    """Tell what is in PATH: a volume, or a file, folder, pattern or address to ingest."""
     from octobrick.store import open_volume
+    from octobrick.store.sources.location import is_url
 
-    if _is_volume(Path(path)):
+    if not is_url(path) and _is_volume(Path(path)):
         with open_volume(path) as volume:
             if as_json:
                 click.echo(json.dumps(volume.metadata()))

@@ -93,9 +93,10 @@ def ingest(
 ) -> None:
     """Compress the volume in SOURCE into the folder DEST (by custom NAME.zarr).
 
-    SOURCE is a file, folder or pattern of files in a format that docs/formats.md lists, or raw
-    voxels with --shape and --dtype. DEST appears when it is complete. An ingest that was stopped,
-    by Ctrl-C, a full disk or a crash, goes on where it was when the same command is run again.
+    SOURCE is a file, folder or pattern of files in a format that docs/formats.md lists, the
+    address of an OME-Zarr (https://, s3://), or raw voxels with --shape and --dtype. DEST appears
+    when it is complete. An ingest that was stopped, by Ctrl-C, a full disk, a lost server or a
+    crash, goes on where it was when the same command is run again.
     """
     from octobrick import store
     from octobrick.server.cli.progress import ProgressReport

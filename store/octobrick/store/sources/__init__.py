@@ -28,6 +28,8 @@ from octobrick.store.sources.formats import (
     recognise,
 )
 from octobrick.store.sources.head import read_head, read_head_inflated
+from octobrick.store.sources.location import Location, Url, location_of
+from octobrick.store.sources.remote import open_remote
 from octobrick.store.sources.several import (
     dicoms_of,
     files_of,
@@ -59,7 +61,8 @@ def open_source(
     Args:
         path: the file; of a header with a data file of its own, the header; the folder of a Zarr
             array or group; a folder of pictures (the slices of one volume) or DICOM files, or a
-            pattern (``*``, ``?``, ``[``) of such files, or of files that are one time step each.
+            pattern (``*``, ``?``, ``[``) of such files, or of files that are one time step each;
+            the address of a Zarr array or group (``http://``, ``https://``, ``s3://``).
         shape_zyx: voxels of a raw file along z, y and x.
         dtype: sample type of a raw file.
         spacing_zyx: distance of voxels; takes the place of what the header says.
@@ -70,19 +73,29 @@ def open_source(
 
     Raises:
         SourceNotFoundError: the file, or the data file it names, does not exist.
+        SourceUnreachableError: a server does not answer, or refuses to.
         UnsupportedSourceError: a format, sample type or number of axes that is not read.
         SourceError: the file is damaged; `TruncatedSourceError` if it ends too early.
         InvalidInputError: a raw file is not described, or a file that describes itself is.
         ResourceError: the file cannot be opened, or a package is missing.
     """
-    path = Path(path)
+    location = location_of(path)
     options = RawOptions(shape_zyx, dtype, spacing_zyx, offset_nbytes, big_endian)
     pick = Pick(dataset, axes)
-    if is_zarr(path):
-        return _open_known(ZARR, path, options, pick)
-    if is_several(path):
-        return _open_several(path, options, pick)
-    return _open_file(path, options, pick)
+    if isinstance(location, Url):
+        return _open_url(location, options, pick)
+    if is_zarr(location):
+        return _open_known(ZARR, location, options, pick)
+    if is_several(location):
+        return _open_several(location, options, pick)
+    return _open_file(location, options, pick)
+
+
+def _open_url(url: Url, options: RawOptions, pick: Pick) -> Source:
+    """A Zarr array or image on a server."""
+    _refuse_options(url, ZARR.name, options)
+    require_spacing(options.spacing_zyx, url)
+    return _with_spacing(open_remote(url, pick), options, url)
 
 
 def _open_several(path: Path, options: RawOptions, pick: Pick) -> Source:
@@ -127,7 +140,7 @@ def _open_known(known: Format, path: Path, options: RawOptions, pick: Pick) -> S
 
 
 def _refuse_options(
-    path: Path, format_name: str, options: RawOptions, pick: Pick | None = None
+    path: Location, format_name: str, options: RawOptions, pick: Pick | None = None
 ) -> None:
     """Refuse what a file that describes itself does not need to be told."""
     if given := options.given() + (pick.given() if pick else []):
@@ -139,7 +152,7 @@ def _refuse_options(
         )
 
 
-def _with_spacing(source: Source, options: RawOptions, path: Path) -> Source:
+def _with_spacing(source: Source, options: RawOptions, path: Location) -> Source:
     """The source with the spacing that a caller gives in place of its own."""
     if options.spacing_zyx is not None:
         try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from octobrick.store.errors import SourceError, UnsupportedSourceError
 from octobrick.store.sources.axes import Axes
 from octobrick.store.sources.base import Description, Source
 from octobrick.store.sources.head import printable
+from octobrick.store.sources.location import Location
 
 # What is turned to another order of axes at once, unless a single chunk is larger.
 _PART_NBYTES = 1 << 22
@@ -26,7 +26,7 @@ _CHUNK_LIMIT_NBYTES = 1 << 30
 class ArraySource(Source):
     """A source that is one array of a library; subclasses say how an index selects from it."""
 
-    def __init__(self, path: Path, description: Description, axes: Axes) -> None:
+    def __init__(self, path: Location, description: Description, axes: Axes) -> None:
         super().__init__(path, description)
         self._axes = axes
 
@@ -70,7 +70,7 @@ class ArraySource(Source):
 class _Failing:
     """Turns whatever a library raises for a box into our errors; it says nothing of warnings."""
 
-    def __init__(self, path: Path, box: Box) -> None:
+    def __init__(self, path: Location, box: Box) -> None:
         self._path, self._box = path, box
 
     def __enter__(self) -> None:
@@ -94,7 +94,7 @@ class _Failing:
 
 
 def require_chunk(
-    chunk: tuple[int, ...] | None, dtype: np.dtype[Any], axes: Axes, path: Path
+    chunk: tuple[int, ...] | None, dtype: np.dtype[Any], axes: Axes, path: Location
 ) -> Zyx | None:
     """The chunk of an array as (z, y, x), no larger than the volume; None where there is none.
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from octobrick.store.box import Box, Zyx
 from octobrick.store.errors import SourceError, UnsupportedSourceError
 from octobrick.store.sources.base import RGB, RGBA, Channel
 from octobrick.store.sources.head import printable
+from octobrick.store.sources.location import Location
 from octobrick.store.sources.voxels import require_shape
 
 LETTERS = "tczyxs"
@@ -122,7 +122,7 @@ class Axes:
         return ordered[tuple(slice(None) if letter in kept else np.newaxis for letter in wanted)]
 
 
-def axes_of(shape: Sequence[int], letters: str | None, path: Path) -> Axes:
+def axes_of(shape: Sequence[int], letters: str | None, path: Location) -> Axes:
     """The axes of an array of this shape: those that a caller names, else z, y, x for three.
 
     Raises:
@@ -171,7 +171,7 @@ def axes_of(shape: Sequence[int], letters: str | None, path: Path) -> Axes:
     return axes
 
 
-def _require_letters(letters: str, sizes: tuple[int, ...], path: Path) -> None:
+def _require_letters(letters: str, sizes: tuple[int, ...], path: Location) -> None:
     known = set(letters) <= set(LETTERS) and len(set(letters)) == len(letters)
     if known and {"x", "y"} <= set(letters) and len(letters) == len(sizes):
         return

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box, Zyx
 from octobrick.store.errors import SourceNotFoundError
+from octobrick.store.sources.location import Location
 
 Vector = tuple[float, float, float]
 Direction = tuple[Vector, Vector, Vector]
@@ -113,11 +114,12 @@ class Source(ABC):
     ``read`` gives any box inside the volume, in any order, with memory for that box and a small
     fixed buffer. Use it as a context manager, or call ``close``.
 
-    Attributes are those of `Description`, ``path`` (the file or folder that was opened) and
-    ``ascending``. Reading is safe from several threads; closing while another thread reads is not.
+    Attributes are those of `Description`, ``path`` (the file, folder or address that was opened)
+    and ``ascending``. Reading is safe from several threads; closing while another thread reads is
+    not.
     """
 
-    def __init__(self, path: Path, description: Description) -> None:
+    def __init__(self, path: Location, description: Description) -> None:
         self.path = path
         self.format = description.format
         self.shape_zyx = description.shape_zyx
@@ -149,7 +151,7 @@ class Source(ABC):
     @property
     def files(self) -> tuple[Path, ...]:
         """The files that hold the volume: what a fingerprint is taken of."""
-        return (self.path,)
+        return (self.path,) if isinstance(self.path, Path) else ()
 
     def fingerprint(self) -> dict[str, Any]:
         """What tells that a source is still the one it was, JSON-ready.
@@ -235,6 +237,9 @@ class Source(ABC):
             "direction": self.direction and [list(row) for row in self.direction],
             "origin_xyz": list(self.origin_xyz),
         }
+
+    def abandon(self) -> None:  # noqa: B027
+        """End reads under way in other threads, where they may take long; they raise something."""
 
     def close(self) -> None:
         """Let go of the file; calling it again does nothing."""

@@ -18,6 +18,7 @@ from octobrick.store.sources.base import Description, Source, Vector
 from octobrick.store.sources.flat import Layout
 from octobrick.store.sources.gzip_stream import GzipSource
 from octobrick.store.sources.head import GZIP_MAGIC, printable, read_head
+from octobrick.store.sources.location import Location
 from octobrick.store.sources.raw import RawSource
 from octobrick.store.sources.sidecar import find_sidecar
 from octobrick.store.sources.voxels import READ_DTYPES, require_dtype
@@ -121,7 +122,7 @@ def open_described(path: Path, options: RawOptions) -> Source:
     return (GzipSource if is_gzip else RawSource)(path, description, layout)
 
 
-def require_spacing(spacing_zyx: Sequence[float] | None, path: Path) -> Vector:
+def require_spacing(spacing_zyx: Sequence[float] | None, path: Location) -> Vector:
     """A spacing that a caller gives, or 1.
 
     Raises:

@@ -83,6 +83,7 @@ class FlatSource(Source):
 
     #: Whether skipping bytes saves nothing, because they have to be decoded anyway.
     _skips_cost = False
+    path: Path
 
     def __init__(self, path: Path, description: Description, layout: Layout) -> None:
         super().__init__(path, description)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from octobrick.codec.errors import OctobrickError, ResourceError
 from octobrick.store.errors import SourceError, SourceNotFoundError, UnsupportedSourceError
+from octobrick.store.sources.location import Location
 
 # Headers are a few hundred bytes; one that is larger is an attack or another kind of file.
 HEADER_LIMIT_NBYTES = 1 << 20
@@ -125,7 +126,7 @@ def printable(text: str) -> str:
 
 
 @contextmanager
-def parsing(path: Path, what: str) -> Iterator[None]:
+def parsing(path: Location, what: str) -> Iterator[None]:
     """Turn whatever a header makes a parser raise, or warn of, into a `SourceError`.
 
     Parsers of other projects promise nothing about hostile bytes, so every exception of theirs
@@ -149,11 +150,11 @@ def parsing(path: Path, what: str) -> Iterator[None]:
             ) from error
 
 
-def missing_package(name: str, path: Path) -> ResourceError:
+def missing_package(name: str, path: Location, extra: str = "formats") -> ResourceError:
     """The error for an optional package that reading this file takes."""
     return ResourceError(
-        f"{path}: reading this format takes the package {name}; "
-        "install it with: pip install 'octobrick[formats]'",
+        f"{path}: reading this takes the package {name}; "
+        f"install it with: pip install 'octobrick[{extra}]'",
         package=name,
         path=str(path),
     )

@@ -45,6 +45,8 @@ class PlaneSource(Source):
         nsamples: how many channels are interleaved in one tile.
     """
 
+    path: Path
+
     def __init__(self, path: Path, description: Description, nsamples: int = 1) -> None:
         super().__init__(path, description)
         _, ny, nx = description.shape_zyx

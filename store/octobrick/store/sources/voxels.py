@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from octobrick.store.box import Zyx
 from octobrick.store.errors import SourceError, UnsupportedSourceError
 from octobrick.store.sources.base import Direction, Vector
 from octobrick.store.sources.head import printable
+from octobrick.store.sources.location import Location
 
 READ_DTYPES = (
     "uint8",
@@ -37,7 +37,7 @@ _QUOTED_AXES = 8
 LPS_OF_RAS = (-1.0, -1.0, 1.0)
 
 
-def require_dtype(dtype: np.dtype[Any] | str, path: Path) -> np.dtype[Any]:
+def require_dtype(dtype: np.dtype[Any] | str, path: Location) -> np.dtype[Any]:
     """The sample type in native byte order, if it is one that is read.
 
     Args:
@@ -58,7 +58,7 @@ def require_dtype(dtype: np.dtype[Any] | str, path: Path) -> np.dtype[Any]:
     )
 
 
-def require_shape(sizes_xyz: Sequence[int], path: Path) -> Zyx:
+def require_shape(sizes_xyz: Sequence[int], path: Location) -> Zyx:
     """The shape ``(z, y, x)`` of three sizes ``(x, y, z)`` that a header gives.
 
     Raises:

@@ -6,15 +6,14 @@ bytes of a chunk name, and reads beyond the end of one that is shorter.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from zarr.abc.store import ByteRequest, Store
 from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import WrapperStore
 
 from octobrick.store.errors import TruncatedSourceError
+from octobrick.store.sources.location import Location
 
-_METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs", ".zmetadata")
+METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs", ".zmetadata")
 _BLOSC_HEADER_NBYTES = 16
 
 
@@ -29,7 +28,7 @@ class WholeStore(WrapperStore[Store]):
         path: what messages call it.
     """
 
-    def __init__(self, store: Store, path: Path) -> None:
+    def __init__(self, store: Store, path: Location) -> None:
         super().__init__(store)
         self._path = path
         self.has_blosc = False
@@ -49,15 +48,14 @@ class WholeStore(WrapperStore[Store]):
                 path=str(self._path),
                 key=key,
             )
-        if value is not None and self.has_blosc and key.rsplit("/", 1)[-1] not in _METADATA:
+        if value is not None and self.has_blosc and key.rsplit("/", 1)[-1] not in METADATA:
             self._require_whole(key, value)
         return value
 
     def _require_whole(self, key: str, value: Buffer) -> None:
-        """Compare the length of a chunk with the one in its header, bytes 12 to 15."""
-        nbytes = len(value)
-        said = int.from_bytes(value[12:_BLOSC_HEADER_NBYTES].to_bytes(), "little")
-        if nbytes < _BLOSC_HEADER_NBYTES or said != nbytes:
+        """Compare the length of a chunk with the one in its header."""
+        nbytes, said = len(value), blosc_nbytes(value)
+        if said != nbytes:
             raise TruncatedSourceError(
                 f"{self._path}: {key} has {nbytes} bytes, its blosc header says {said}; copy or "
                 "export the data again",
@@ -66,3 +64,9 @@ class WholeStore(WrapperStore[Store]):
                 expected_nbytes=said,
                 actual_nbytes=nbytes,
             )
+
+
+def blosc_nbytes(chunk: Buffer) -> int:
+    """How long a chunk of blosc says that it is, in bytes 12 to 15; a header at least."""
+    said = int.from_bytes(chunk[12:_BLOSC_HEADER_NBYTES].to_bytes(), "little")
+    return max(said, _BLOSC_HEADER_NBYTES)

@@ -34,5 +34,9 @@ class WrappedSource(Source):
         """That of the source below, with what is different here."""
         return self._source.fingerprint() | self.describe()
 
+    def abandon(self) -> None:
+        """As the source below."""
+        self._source.abandon()
+
     def _close(self) -> None:
         self._source.close()

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +21,16 @@ from octobrick.store.sources.array import ArraySource, require_chunk
 from octobrick.store.sources.axes import LETTERS, Axes, axes_of
 from octobrick.store.sources.base import Description, Pick, Source, Vector
 from octobrick.store.sources.head import parsing, printable
+from octobrick.store.sources.location import Location, Url
 from octobrick.store.sources.ngff import Ngff, parse_ngff
 from octobrick.store.sources.voxels import clean_spacing, require_dtype
 
+if TYPE_CHECKING:
+    from octobrick.store.sources.reading import Reading
+    from octobrick.store.sources.remote_store import RemoteStore
+
 SUFFIX = ".zarr"
-_METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs")
+_METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs")  # of one node
 _LISTED = 20
 
 
@@ -52,7 +57,13 @@ def open_zarr(path: Path, pick: Pick) -> Source:
     return open_zarr_store(LocalStore(path, read_only=True), path, pick, root=path)
 
 
-def open_zarr_store(store: Any, path: Path, pick: Pick, root: Path | None = None) -> Source:
+def open_zarr_store(
+    store: Any,
+    path: Location,
+    pick: Pick,
+    root: Path | None = None,
+    remote: RemoteStore | None = None,
+) -> Source:
     """An array, or the finest resolution of an image, of which a part may be named.
 
     Args:
@@ -60,6 +71,7 @@ def open_zarr_store(store: Any, path: Path, pick: Pick, root: Path | None = None
         path: what messages and descriptions call it.
         pick: dataset is a path in the store: of an array, of one resolution, or of a group.
         root: the folder of a store in files.
+        remote: the store itself, if it is on a server.
 
     Raises:
         SourceError: metadata are damaged.
@@ -67,6 +79,7 @@ def open_zarr_store(store: Any, path: Path, pick: Pick, root: Path | None = None
         InvalidInputError: no such dataset, several arrays and none named, axes that do not fit.
         UnsupportedSourceError: no array at all, or a sample type that is not read.
     """
+    from octobrick.store.sources.whole_blosc import checked
     from octobrick.store.sources.whole_store import WholeStore
 
     notes: list[str] = []
@@ -84,7 +97,9 @@ def open_zarr_store(store: Any, path: Path, pick: Pick, root: Path | None = None
         description = _describe(array, axes, image, notes, path)
     metadata = [array.metadata.to_dict(), attributes]
     array.store.has_blosc = _ends_in_blosc(metadata[0])
-    return ZarrSource(path, description, axes, array, metadata, root and root / key)
+    return ZarrSource(
+        path, description, axes, checked(array), metadata, root and root / key, remote
+    )
 
 
 class ZarrSource(ArraySource):
@@ -92,31 +107,39 @@ class ZarrSource(ArraySource):
 
     def __init__(
         self,
-        path: Path,
+        path: Location,
         description: Description,
         axes: Axes,
         array: Any,
         metadata: list[Any],
         folder: Path | None,
+        remote: RemoteStore | None,
     ) -> None:
         super().__init__(path, description, axes)
         self._array = array
         self._metadata = metadata
         self._folder = folder
+        self._remote = remote
+        self._readings: set[Reading] = set()
 
     @property
     def files(self) -> tuple[Path, ...]:
         """Metadata only: chunks may be millions; the fingerprint walks through them."""
-        if self._folder is None:
+        if self._folder is None or not isinstance(self.path, Path):
             return ()
         folders = dict.fromkeys((self.path, self._folder))
         paths = (folder / name for folder in folders for name in _METADATA)
         return tuple(path for path in paths if path.is_file())
 
     def fingerprint(self) -> dict[str, Any]:
-        """The description, the metadata, and of local files sizes and times of change."""
+        """The description, the metadata, and sizes and times of change.
+
+        Those of all local files; of a server, what it says of the metadata.
+        """
         text = json.dumps(self._metadata, sort_keys=True, default=str)
         digest = hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+        if self._remote is not None:
+            return {**self.describe(), **self._remote.stamp(), "metadata": digest}
         return {**super().fingerprint(), "metadata": digest}
 
     def _stat(self) -> Iterator[tuple[Path, os.stat_result]]:
@@ -129,14 +152,29 @@ class ZarrSource(ArraySource):
                     yield path, path.stat()
 
     def _select(self, index: tuple[int | slice, ...]) -> npt.NDArray[Any]:
-        return np.asarray(self._array[index])
+        from octobrick.store.sources.reading import reading
+
+        with reading() as current:
+            self._readings.add(current)
+            try:
+                voxels = np.asarray(self._array[index])
+            finally:
+                self._readings.discard(current)
+        if self._remote is not None:
+            self._remote.require_unchanged()
+        return voxels
+
+    def abandon(self) -> None:
+        """Cancel the requests under way."""
+        for current in tuple(self._readings):
+            current.abandon()
 
     def _close(self) -> None:
         self._array.store.close()
 
 
 @contextmanager
-def _parsing(path: Path) -> Iterator[None]:
+def _parsing(path: Location) -> Iterator[None]:
     """`parsing`, deaf to what zarr-python warns of: other people's files in a folder."""
     with parsing(path, "Zarr"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -144,7 +182,7 @@ def _parsing(path: Path) -> Iterator[None]:
 
 
 def _locate(
-    store: Any, dataset: str | None, path: Path, notes: list[str]
+    store: Any, dataset: str | None, path: Location, notes: list[str]
 ) -> tuple[str, Any, Ngff | None, Any]:
     """Key and array of what is read, the image it belongs to, and the attributes of its group."""
     import zarr
@@ -156,7 +194,7 @@ def _locate(
     if isinstance(node, zarr.Group):
         attributes = node.attrs.asdict()
         image = parse_ngff(attributes, None, notes)
-        inner = _only_array(node, path) if image is None else image.dataset
+        inner = _only_array(store, key, node, path) if image is None else image.dataset
         key = f"{key}/{inner}".strip("/")
         array = _node(store, key)
         if not isinstance(array, zarr.Array):
@@ -189,22 +227,29 @@ def _node(store: Any, key: str) -> Any:
         return None
 
 
-def _nothing(path: Path, key: str) -> SourceNotFoundError | InvalidInputError:
+def _nothing(path: Location, key: str) -> SourceNotFoundError | InvalidInputError:
     if key:
         return InvalidInputError(
             f"{path}: no Zarr array or group at {printable(key)!r}; check --dataset",
             path=str(path),
             dataset=printable(key),
         )
+    hint = "check the path"
+    if isinstance(path, Url):
+        hint = "check the address; files of other formats are not read from servers, copy them here"
     return SourceNotFoundError(
         f"{path}: no Zarr array or group is here (neither zarr.json nor .zarray or .zgroup); "
-        "check the path",
+        f"{hint}",
         path=str(path),
     )
 
 
-def _only_array(group: Any, path: Path) -> str:
+def _only_array(store: Any, key: str, group: Any, path: Location) -> str:
     """The path of the only array in a group without an image."""
+    if isinstance(path, Url):  # most servers cannot list; what was consolidated can
+        import zarr
+
+        group = zarr.open_group(store=store, path=key, mode="r")
     found = [(name, array.shape) for name, array in group.arrays()]
     if len(found) == 1:
         return str(found[0][0])
@@ -242,7 +287,7 @@ def _ends_in_blosc(metadata: dict[str, Any]) -> bool:
 
 
 def _describe(
-    array: Any, axes: Axes, image: Ngff | None, notes: list[str], path: Path
+    array: Any, axes: Axes, image: Ngff | None, notes: list[str], path: Location
 ) -> Description:
     dtype = require_dtype(array.dtype, path)
     spacing_zyx: Vector = (1.0, 1.0, 1.0)
