@@ -12,8 +12,10 @@ namespace detail {
 namespace {
 
 // Neighbours are often equal, and a count that was just written is slow to read again: so voxels
-// take turns among several tables.
+// take turns among several tables. Narrow counts, that the tables stay in the nearest cache.
 constexpr std::size_t kTables = 4;
+using Count = std::uint32_t;
+constexpr std::size_t kCountMax = UINT32_MAX;
 
 // What is counted: bins of width 2^exponent, from the one numbered `first` on.
 struct Bins {
@@ -49,6 +51,16 @@ OCTOBRICK_INLINE void find_bins(const T* __restrict row, std::size_t nx, const B
     }
 }
 
+inline void count_row(const std::uint32_t* found, std::size_t nx, std::size_t size, Count* tables) {
+    std::size_t x = 0;
+    for (; x + kTables <= nx; x += kTables) {
+        for (std::size_t table = 0; table < kTables; ++table) {
+            ++tables[table * size + found[x + table]];
+        }
+    }
+    for (; x < nx; ++x) ++tables[found[x]];
+}
+
 template <class T>
 bool run(const ConstVolume& volume, const Bins& bins, std::span<std::uint64_t> counts,
          Execution execution) {
@@ -56,25 +68,29 @@ bool run(const ConstVolume& volume, const Bins& bins, std::span<std::uint64_t> c
     const RowReader<T> rows(volume);
     const std::size_t size = bins.count + 1, nx = volume.shape.x;
     Array<std::uint32_t> found(nx);
-    Array<std::uint64_t> tables(kTables * size);
+    Array<Count> tables(kTables * size);
+    std::uint64_t without = 0;
+    const auto empty = [&] {
+        for (std::size_t table = 0; table < kTables; ++table) {
+            Count* own = tables.data() + table * size;
+            for (std::size_t bin = 0; bin < bins.count; ++bin) counts[bin] += own[bin];
+            without += own[bins.count];
+            std::fill_n(own, size, Count{0});
+        }
+    };
+    std::size_t counted = 0;
     for (std::size_t z = 0; z < volume.shape.z; ++z) {
         for (std::size_t y = 0; y < volume.shape.y; ++y) {
-            find(rows.row(z, y), nx, bins, found.data());
-            std::size_t x = 0;
-            for (; x + kTables <= nx; x += kTables) {
-                for (std::size_t table = 0; table < kTables; ++table) {
-                    ++tables[table * size + found[x + table]];
-                }
+            if (kCountMax - counted < nx) {
+                empty();
+                counted = 0;
             }
-            for (; x < nx; ++x) ++tables[found[x]];
+            find(rows.row(z, y), nx, bins, found.data());
+            count_row(found.data(), nx, size, tables.data());
+            counted += nx;
         }
     }
-    std::uint64_t without = 0;
-    for (std::size_t table = 0; table < kTables; ++table) {
-        const std::uint64_t* own = tables.data() + table * size;
-        for (std::size_t bin = 0; bin < bins.count; ++bin) counts[bin] += own[bin];
-        without += own[bins.count];
-    }
+    empty();
     return without == 0;
 }
 

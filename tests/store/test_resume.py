@@ -17,6 +17,7 @@ import pytest
 from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError, NotFiniteError
 from octobrick.store import Box, ingest, open_volume
+from octobrick.store.destination import partial_path
 from octobrick.store.errors import (
     DestinationError,
     DestinationExistsError,
@@ -126,6 +127,20 @@ def test_an_ingest_killed_at_random_moments_goes_on_to_the_same_bytes(
         kills += 1
     if not dest.exists():
         ingest(source, dest, **OPTIONS)
+    assert digests(dest) == undisturbed
+
+
+def test_what_a_killed_run_was_writing_is_no_part_of_the_volume(
+    source: Path, undisturbed: dict[str, str], tmp_path: Path
+) -> None:
+    dest, stop = tmp_path / "v.zarr", Stop(5)
+    with pytest.raises(IngestCancelledError):
+        ingest(source, dest, progress=stop, cancel=stop.event, **OPTIONS)
+    partial = partial_path(dest)
+    (partial / "gradient/1").mkdir(parents=True, exist_ok=True)
+    for name in (".journal.part", ".scratch-1", "zarr.12.partial", "gradient/1/zarr.12.partial"):
+        (partial / name).write_bytes(b"half")
+    ingest(source, dest, **{**OPTIONS, "checkpoint_seconds": 1e9})
     assert digests(dest) == undisturbed
 
 

@@ -21,7 +21,6 @@ from octobrick.store.box import Zyx, ceil_div
 from octobrick.store.brick_codec import BrickCodec, codec_from_json, codec_to_json, require_codec
 from octobrick.store.errors import VolumeFormatError
 from octobrick.store.reducers import REDUCERS
-from octobrick.store.shard import DIGEST_NBYTES
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
 
 FORMAT_VERSION = 1
@@ -29,6 +28,7 @@ FORMAT_VERSION = 1
 BRICK_MIN, BRICK_MAX = 8, 256
 SHARD_BRICKS_MAX = 64
 LEVELS_MAX = 32
+_DIGEST_NBYTES = 16
 SIDE_MAX = 2**31 - 1
 _EXPONENT_MAX = 512  # of a histogram
 
@@ -155,7 +155,7 @@ class VolumeAttributes:
 def digest_of(document: Json) -> str:
     """A digest of a JSON document that depends on its content only, not on its layout."""
     text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.blake2b(text.encode(), digest_size=DIGEST_NBYTES).hexdigest()
+    return hashlib.blake2b(text.encode(), digest_size=_DIGEST_NBYTES).hexdigest()
 
 
 def python_number(value: np.generic | Number) -> Number:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -64,14 +65,15 @@ class BrickWork:
     spacing_zyx: tuple[float, float, float]
     ngradients: int
 
-    def run(self, around: Voxels, core: Box, *, is_wanted: bool) -> BrickResult:
+    def run(self, get_around: Callable[[], Voxels], core: Box, *, is_wanted: bool) -> BrickResult:
         """Do it for one brick.
 
         Args:
-            around: its voxels and those one voxel around it, as far as the level goes.
+            get_around: gives its voxels and those one voxel around it, as far as the level goes.
             core: where its own voxels lie in them.
             is_wanted: whether it is to be encoded.
         """
+        around = get_around()
         voxels = around[core.slices]
         low, high = around.min(), around.max()
         directions, gradient = self._gradients(around, core)

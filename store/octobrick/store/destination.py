@@ -117,7 +117,8 @@ def clear(partial: Path) -> None:
 def _put_in_place(partial: Path, dest: Path, *, overwrite: bool) -> None:
     _refuse_existing(dest, overwrite=overwrite)
     # Last, so that whatever fails before this moment can be gone on with.
-    (partial / JOURNAL_NAME).unlink(missing_ok=True)
+    for journal in partial.glob(f"{JOURNAL_NAME}*"):
+        journal.unlink()
     (partial / _LOCK_NAME).unlink()
     replaced = dest.with_name(dest.name + _REPLACED_SUFFIX)
     if overwrite and dest.exists():

@@ -52,7 +52,9 @@ class IngestFinish:
         for name in ("range", "fidelity"):
             shutil.rmtree(self._folder / name, ignore_errors=True)
         for path in ("", "gradient", *record.arrays):
-            (self._folder / path / "zarr.json").unlink(missing_ok=True)
+            # Also what zarr-python was writing when an earlier run was killed.
+            for file in (self._folder / path).glob("zarr.*"):
+                file.unlink()
         root = zarr.create_group(self._folder)
         self._write_arrays(root, record)
         attributes = self._describe(record)

@@ -11,7 +11,7 @@ import numpy as np
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import grid_of
 from octobrick.store.pyramid import PyramidPlan
-from octobrick.store.window import MemoryWindow, ScratchWindow, Window, WindowShape
+from octobrick.store.window import ScratchWindow, Window, WindowShape, memory_window
 
 _BASE_NBYTES = 112 * 2**20  # the interpreter and its libraries, and what sources and zstd cache
 _SHARE_OF_SYSTEM = 0.5  # what an ingest takes of a machine's memory if it is not told
@@ -36,7 +36,7 @@ class MemoryPlan:
         """The window of an array, a scratch file of which lies in the folder."""
         if array in self.scratch:
             return ScratchWindow(*shape, folder)
-        return MemoryWindow(*shape)
+        return memory_window(array, shape)
 
 
 def plan_memory(

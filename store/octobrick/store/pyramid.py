@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from octobrick.codec import metrics
 from octobrick.store.box import Box, Zyx, ceil_div, grid_of
-from octobrick.store.brick_encoder import DirectionEncoder, EncodedBrick
+from octobrick.store.brick_encoder import DirectionCodes, DirectionEncoder, EncodedBrick
 from octobrick.store.brick_work import BrickResult, BrickWork, Encoder
 from octobrick.store.gradient_pyramid import GradientPyramid, gradient_array
 from octobrick.store.in_order import in_order
@@ -109,7 +109,8 @@ class PyramidPlan:
         shapes = {}
         for level, (nz, ny, nx) in enumerate(self.shapes_zyx):
             # A layer takes a plane on either side; beyond may be whatever is put at once.
-            nput = self.source_nplanes if level == 0 else self.brick // 2
+            # Pieces of the source are kept whole, the first and the last too.
+            nput = 2 * self.source_nplanes if level == 0 else self.brick // 2
             nplanes = min(nz, self.brick + 1 + nput)
             shapes[str(level)] = WindowShape(nplanes, (ny, nx), self.dtype)
             if level and self.directions is not None:
@@ -263,7 +264,7 @@ class _Level:
             y_span = self._span(y, 1)
             rows = self.window.rows(*z_span.around, *y_span.around)
             for x, x_span in enumerate(x_spans):
-                around = rows[:, :, slice(*x_span.around)]
+                around = partial(rows, *x_span.around)
                 starts, stops = zip(z_span.core, y_span.core, x_span.core, strict=True)
                 is_wanted = self._sink.wants(self._address((self.layer, y, x)))
                 yield partial(self._work.run, around, Box(starts, stops), is_wanted=is_wanted)
@@ -305,20 +306,20 @@ def _encode_directions(
     window: Window,
 ) -> None:
     """Encode a layer of bricks of gradients, all of whose planes are in their window."""
-    assert plan.directions is not None
+    directions = plan.directions
+    assert directions is not None
     array, brick = gradient_array(level), plan.brick
     nz, ny, nx = plan.shapes_zyx[level]
     _, rows, columns = grid_of(plan.shapes_zyx[level], (brick,) * 3)
-    encode = plan.directions.encode
 
     def calls() -> Iterator[Callable[[], EncodedBrick | None]]:
         for y in range(rows):
             stop_z, stop_y = min((layer + 1) * brick, nz), min((y + 1) * brick, ny)
             codes = window.rows(layer * brick, stop_z, y * brick, stop_y)
             for x in range(columns):
-                own = codes[:, :, x * brick : min((x + 1) * brick, nx)]
+                own = partial(codes, x * brick, min((x + 1) * brick, nx))
                 is_wanted = sink.wants(Address(array, t, c, (layer, y, x)))
-                yield partial(encode, own) if is_wanted else _nothing
+                yield partial(_encoded, directions, own) if is_wanted else _nothing
 
     results = in_order(executor, calls(), plan.nahead)
     for y in range(rows):
@@ -327,6 +328,10 @@ def _encode_directions(
             if encoded is not None:
                 sink.take(Address(array, t, c, (layer, y, x)), encoded)
     sink.end_layer(array, t, c, layer)
+
+
+def _encoded(encoder: DirectionEncoder, codes: Callable[[], DirectionCodes]) -> EncodedBrick:
+    return encoder.encode(codes())
 
 
 def _nothing() -> None:

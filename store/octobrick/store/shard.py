@@ -12,16 +12,15 @@ with nothing but the index kept in memory.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import threading
 from collections import OrderedDict
 from collections.abc import Mapping
 from pathlib import Path
-from typing import BinaryIO
 
 import google_crc32c
 import numpy as np
+import xxhash
 from numpy.typing import NDArray
 
 from octobrick.codec.errors import CorruptBrickError
@@ -29,11 +28,15 @@ from octobrick.store.box import Zyx
 from octobrick.store.errors import VolumeFormatError
 
 ABSENT = 2**64 - 1
-DIGEST_NBYTES = 16  # blake2b; names content, and is no defence against a forger
 _CRC_NBYTES = 4
 _SLOT_NBYTES = 16
 _HASH_NBYTES = 1 << 20
 _OPEN_SHARDS_MAX = 128  # file descriptors and indexes a reader keeps; well under ulimit -n of 1024
+
+
+def new_digest() -> xxhash.xxh3_128:
+    """The digest of a shard file: it tells damage, and is no defence against a forger."""
+    return xxhash.xxh3_128()
 
 
 class ShardWriter:
@@ -47,7 +50,7 @@ class ShardWriter:
         self.path = path
         self._part = path.with_name(path.name + ".part")
         self._index = np.full((nslots, 2), ABSENT, dtype="<u8")
-        self._digest = hashlib.blake2b(digest_size=DIGEST_NBYTES)
+        self._digest = new_digest()
         self._nbytes = 0
         path.parent.mkdir(parents=True, exist_ok=True)
         self._part.unlink(missing_ok=True)
@@ -63,7 +66,7 @@ class ShardWriter:
         part = path.with_name(path.name + ".part")
         if not part.exists():  # it was finished after the checkpoint
             path.rename(part)
-        digest = hashlib.blake2b(digest_size=DIGEST_NBYTES)
+        digest = new_digest()
         with part.open("r+b") as file:
             left = nbytes
             while left:
@@ -96,22 +99,28 @@ class ShardWriter:
     def append(self, slot: int, frame: bytes) -> None:
         """Add the frame of the brick in this slot."""
         self._index[slot] = (self._nbytes, len(frame))
-        with self._part.open("ab") as file:
-            self._write(file, frame)
+        self._write(frame)
 
     def finish(self) -> tuple[int, str]:
         """Write the index, make the file durable and visible; returns (nbytes, digest)."""
         index = self._index.tobytes()
         crc = google_crc32c.value(index).to_bytes(_CRC_NBYTES, "little")
-        with self._part.open("ab") as file:
-            self._write(file, index + crc)
-            file.flush()
-            os.fsync(file.fileno())
+        self._write(index + crc)
+        self.sync()
         self._part.replace(self.path)
         return self._nbytes, self._digest.hexdigest()
 
-    def _write(self, file: BinaryIO, data: bytes) -> None:
-        file.write(data)
+    def _write(self, data: bytes) -> None:
+        # Without a file object, which would take longer to make than a brick to write.
+        descriptor = os.open(
+            self._part, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666
+        )
+        try:
+            left = memoryview(data)
+            while left:
+                left = left[os.write(descriptor, left) :]
+        finally:
+            os.close(descriptor)
         self._digest.update(data)
         self._nbytes += len(data)
 

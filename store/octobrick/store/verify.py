@@ -7,7 +7,6 @@ voxels against the brick's range.
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import os
 from collections.abc import Iterator
@@ -24,7 +23,7 @@ from octobrick.codec.errors import CorruptDataError
 from octobrick.store.box import Box, Zyx, cell_box
 from octobrick.store.gradient_pyramid import gradient_array
 from octobrick.store.progress import ProgressCallback, ProgressMeter
-from octobrick.store.shard import DIGEST_NBYTES
+from octobrick.store.shard import new_digest
 from octobrick.store.volume import Volume, open_volume
 
 _READ_NBYTES = 1 << 20
@@ -205,7 +204,7 @@ def _difference(path: Path, nbytes: int, digest: str) -> str | None:
         actual_nbytes = path.stat().st_size
         if actual_nbytes != nbytes:
             return f"the shard has {actual_nbytes} bytes, the manifest says {nbytes}"
-        computed = hashlib.blake2b(digest_size=DIGEST_NBYTES)
+        computed = new_digest()
         with path.open("rb") as file:
             while piece := file.read(_READ_NBYTES):
                 computed.update(piece)

@@ -23,7 +23,7 @@ def shard_entries(manifest: Any, path: Path) -> dict[str, tuple[int, str]]:
     """
     try:
         return {
-            str(name): (int(entry["nbytes"]), str(entry["blake2b"]))
+            str(name): (int(entry["nbytes"]), str(entry["xxh3_128"]))
             for name, entry in manifest["shards"].items()
         }
     except (AttributeError, KeyError, TypeError, ValueError):

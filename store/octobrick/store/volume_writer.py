@@ -35,7 +35,7 @@ class ArrayRecord:
     def manifest(self, path: str) -> dict[str, dict[str, object]]:
         """The entries of the manifest for the shards of the array at this path."""
         return {
-            f"{path}/{key}": {"nbytes": nbytes, "blake2b": digest}
+            f"{path}/{key}": {"nbytes": nbytes, "xxh3_128": digest}
             for key, (nbytes, digest) in sorted(self.shards.items())
         }
 

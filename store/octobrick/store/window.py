@@ -6,6 +6,7 @@ import os
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +16,9 @@ from numpy.typing import NDArray
 Voxels = NDArray[Any]
 
 SCRATCH_PREFIX = ".scratch-"
+Columns = Callable[[int, int], Voxels]
+"""Gives columns from the first up to, and without, the second, (z, y, x[, 3])."""
+
 _PIECE_NBYTES = 16 * 2**20  # of held planes, read at a time for a checkpoint
 
 
@@ -51,8 +55,8 @@ class Window(ABC):
         """Take whole rows (nz, ny, nx[, 3]) from (z, y) on."""
 
     @abstractmethod
-    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Voxels:
-        """These rows; valid until something is put in their place."""
+    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Columns:
+        """These rows, of which any thread may take columns until they are dropped."""
 
     @abstractmethod
     def drop_to(self, z: int) -> None:
@@ -63,7 +67,7 @@ class Window(ABC):
         nrows = self._row_shape[0]
         nplanes = max(1, _PIECE_NBYTES // max(self._plane_nbytes, 1))
         for z in range(self.first_z, self.stop_z, nplanes):
-            yield self.rows(z, min(z + nplanes, self.stop_z), 0, nrows)
+            yield self.rows(z, min(z + nplanes, self.stop_z), 0, nrows)(0, self._row_shape[1])
 
     @property
     def held_shape(self) -> tuple[int, ...]:
@@ -96,9 +100,10 @@ class MemoryWindow(Window):
         at = z - self.first_z
         self._planes[at : at + rows.shape[0], y : y + rows.shape[1]] = rows
 
-    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Voxels:
-        """See `Window.rows`; a view."""
-        return self._planes[start_z - self.first_z : stop_z - self.first_z, start_y:stop_y]
+    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Columns:
+        """See `Window.rows`."""
+        rows = self._planes[start_z - self.first_z : stop_z - self.first_z, start_y:stop_y]
+        return partial(_columns, rows)
 
     def drop_to(self, z: int) -> None:
         """See `Window.drop_to`."""
@@ -106,6 +111,35 @@ class MemoryWindow(Window):
         for at in range(step, nheld, max(step, 1)):  # as many as can move without meeting
             moved = self._planes[at : min(at + step, nheld)]
             self._planes[at - step : at - step + len(moved)] = moved
+        self.first_z = z
+
+
+class PieceWindow(Window):
+    """A window that keeps what was put as it is: of that nothing is copied but by who takes it."""
+
+    def __init__(self, nplanes: int, row_shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        super().__init__(nplanes, row_shape, dtype)
+        self._pieces: list[tuple[int, int, Voxels]] = []  # first plane, first row, rows
+
+    def put(self, z: int, y: int, rows: Voxels) -> None:
+        """See `Window.put`; nobody may write into the rows any more."""
+        self._pieces.append((z, y, rows))
+
+    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Columns:
+        """See `Window.rows`."""
+        parts = []
+        for z, y, rows in self._pieces:
+            z0, z1 = max(start_z, z), min(stop_z, z + rows.shape[0])
+            y0, y1 = max(start_y, y), min(stop_y, y + rows.shape[1])
+            if z0 < z1 and y0 < y1:
+                at = (slice(z0 - start_z, z1 - start_z), slice(y0 - start_y, y1 - start_y))
+                parts.append((at, rows[z0 - z : z1 - z, y0 - y : y1 - y]))
+        shape = (stop_z - start_z, stop_y - start_y)
+        return partial(_gathered, tuple(parts), shape, self._dtype)
+
+    def drop_to(self, z: int) -> None:
+        """See `Window.drop_to`."""
+        self._pieces = [piece for piece in self._pieces if piece[0] + piece[2].shape[0] > z]
         self.first_z = z
 
 
@@ -134,13 +168,13 @@ class ScratchWindow(Window):
         for i, plane in enumerate(rows):
             _write_all(self._descriptor, plane, self._offset(z + i, y))
 
-    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Voxels:
-        """See `Window.rows`; a copy."""
+    def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Columns:
+        """See `Window.rows`; read here, for all that takes columns."""
         shape = (stop_z - start_z, stop_y - start_y, *self._row_shape[1:])
         out = np.empty(shape, self._dtype)
         for i, plane in enumerate(out):
             _read_all(self._descriptor, plane, self._offset(start_z + i, start_y))
-        return out
+        return partial(_columns, out)
 
     def drop_to(self, z: int) -> None:
         """See `Window.drop_to`."""
@@ -149,6 +183,23 @@ class ScratchWindow(Window):
     def _offset(self, z: int, y: int) -> int:
         row_nbytes = self._plane_nbytes // self._row_shape[0]
         return (z % self._nplanes) * self._plane_nbytes + y * row_nbytes
+
+
+def _columns(rows: Voxels, start_x: int, stop_x: int) -> Voxels:
+    return rows[:, :, start_x:stop_x]
+
+
+def _gathered(
+    parts: tuple[tuple[tuple[slice, slice], Voxels], ...],
+    shape: tuple[int, int],
+    dtype: np.dtype[Any],
+    start_x: int,
+    stop_x: int,
+) -> Voxels:
+    out = np.empty((*shape, stop_x - start_x), dtype)
+    for at, rows in parts:
+        out[at] = rows[:, :, start_x:stop_x]
+    return out
 
 
 def _write_all(descriptor: int, array: Voxels, offset: int) -> None:
@@ -184,6 +235,6 @@ MakeWindow = Callable[[str, WindowShape], Window]
 """The window of an array, by its path below the volume."""
 
 
-def memory_window(_: str, shape: WindowShape) -> Window:
-    """A window in memory, whichever array it is of."""
-    return MemoryWindow(*shape)
+def memory_window(array: str, shape: WindowShape) -> Window:
+    """The window of an array, in memory; that of level 0 keeps the pieces of the source."""
+    return PieceWindow(*shape) if array == "0" else MemoryWindow(*shape)

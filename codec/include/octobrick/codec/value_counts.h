@@ -12,7 +12,8 @@ namespace octobrick::codec {
 // power of two begin at the same values whatever is counted, so that the histograms of parts add
 // up. Returns whether every voxel had a bin; if not, `counts` is unspecified. NaN has none.
 // Thread-safe; does not throw but for lack of memory. -512 <= exponent <= 512; for whole
-// numbers 0 <= exponent. There are less than 2^31 counts, and |first| < 2^53. One thread works.
+// numbers 0 <= exponent. There are less than 2^31 counts, |first| < 2^53, and
+// less than 2^32 voxels along x. One thread works.
 bool count_values(const ConstVolume& volume, int exponent, std::int64_t first,
                   std::span<std::uint64_t> counts, Execution execution = {});
 

@@ -65,7 +65,7 @@ class Histogram:
         end = max(a.first + a.counts.size, b.first + b.counts.size)
         while end - first > BINS_MAX:
             exponent, first, end = exponent + 1, first >> 1, ((end - 1) >> 1) + 1
-        a, b = a._coarser(exponent), b._coarser(exponent)
+            a, b = a._coarser(exponent), b._coarser(exponent)
         counts = np.zeros(end - first, np.uint64)
         for part in (a, b):
             counts[part.first - first : part.first - first + part.counts.size] += part.counts
