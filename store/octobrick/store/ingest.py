@@ -69,7 +69,7 @@ def ingest(
             last of them of all coarser ones too.
         psnr: in dB, what each level is to have; its codec is found by coding bricks of the source
             before the ingest begins, so ``codec`` then is S3dc or Zerobit without a rate, by
-            default S3dc with blocks of 4³. docs/spec/rate-search.md tells how.
+            default S3dc with blocks of 4³. docs/cli.md tells how.
         ratio: bytes of the voxels over bytes on disk that each level is to have, likewise.
         brick: voxels per brick and axis, even, 8 to 256.
         shard: bricks per shard and axis.

@@ -15,6 +15,7 @@ from octobrick.store.probes import LevelProbes, Probe
 from octobrick.store.rate_target import Dial, RateTarget
 
 _STEPS_MAX = 16
+_STEP_LEAST = 2e-4  # of the dial
 _PSNR_TOLERANCE_DB = 0.1
 _RATIO_TOLERANCE = 0.015
 # Beyond these a target counts as missed, and the result says so.
@@ -143,6 +144,8 @@ class RateSearch:
             return low if self._target.kind == "psnr" else None
         a, b = 0.0, 1.0
         for step in range(_STEPS_MAX):
+            if b - a < _STEP_LEAST:
+                break  # a gap: many blocks get a bit at once
             middle = (a + b) / 2 if step % 2 else self._guess(a, b, low, high)
             now = look(middle)
             if abs(self._excess(now)) <= self._tolerance:
