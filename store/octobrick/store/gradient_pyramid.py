@@ -60,8 +60,8 @@ class GradientPyramid:
         """Take what a row of bricks of level 0 gave."""
         for level in range(1, self._nlocal + 1):
             size = self._brick >> level
-            codes = np.concatenate([result.directions[level - 1] for result in row], axis=2)
-            self.windows[level].put(layer * size, y * size, codes)
+            blocks = [result.directions[level - 1] for result in row]
+            self.windows[level].put_blocks(layer * size, y * size, blocks)
         if len(self.levels) > self._nlocal:
             self._keep(y, np.concatenate([r.gradient for r in row if r.gradient is not None], 2))
 

@@ -61,7 +61,6 @@ class IngestRun:
         self._journal = Journal(
             folder, {"source": source.fingerprint(), "options": options.to_json()}
         )
-        self._state = self._fresh_state()
         self._codecs = LevelCodecs(())  # until the run begins
         self._last_seconds = time.monotonic()
         self._checkpoint_cost_seconds = 0.0
@@ -71,6 +70,7 @@ class IngestRun:
         nworkers = self._plan.nworkers
         with ThreadPoolExecutor(nworkers, thread_name_prefix="octobrick-encode") as executor:
             self._executor = executor
+            self._state = self._fresh_state()
             self._take_up(restart=restart)
             while self._state.t < self._source.nt:
                 self._ingest_step()
@@ -117,7 +117,9 @@ class IngestRun:
             source.dtype,
             has_gradients=options.gradients,
         )
-        return IngestState(record, VolumeWriter(self._folder, record, options.shard))
+        return IngestState(
+            record, VolumeWriter(self._folder, record, options.shard, self._executor)
+        )
 
     def _is_checkpoint_due(self) -> bool:
         interval = self._options.checkpoint_seconds

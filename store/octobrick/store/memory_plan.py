@@ -10,12 +10,13 @@ import numpy as np
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import grid_of
+from octobrick.store.piece_reader import AHEAD
 from octobrick.store.pyramid import PyramidPlan
 from octobrick.store.window import ScratchWindow, Window, WindowShape, memory_window
 
 _BASE_NBYTES = 112 * 2**20  # the interpreter and its libraries, and what sources and zstd cache
 _SHARE_OF_SYSTEM = 0.5  # what an ingest takes of a machine's memory if it is not told
-_PIECES = 3  # one read ahead, one in use, and one on its way to another type
+_PIECES = AHEAD + 2  # those read ahead, one in use, and one on its way to another type
 
 
 @dataclass(frozen=True, slots=True)

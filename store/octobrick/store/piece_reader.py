@@ -1,9 +1,11 @@
-"""The source's voxels from a plane on, in pieces of bounded size, one read ahead of its use."""
+"""The source's voxels from a plane on, in pieces of bounded size, some read ahead of their use."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +20,7 @@ Voxels = NDArray[np.generic]
 # Large enough that a disk streams, small enough that what is read ahead does not count beside the
 # slab that is being encoded.
 READ_NBYTES = 16 * 2**20
+AHEAD = 4  # pieces, so that a layer of bricks does not wait for the first of the next one's planes
 
 
 class Piece(NamedTuple):
@@ -80,22 +83,23 @@ class PieceReader:
             NotFiniteError: with the voxel's position.
             SourceError: the source is damaged.
         """
-        boxes = self._boxes(first_z)
-        box = next(boxes, None)
-        if box is None:
-            return
         ny = self._source.shape_zyx[1]
+        boxes = self._boxes(first_z)
         with ThreadPoolExecutor(1, thread_name_prefix="octobrick-read") as reader:
-            ahead = reader.submit(self._read, box, t)
+            ahead = deque((box, reader.submit(self._read, box, t)) for box in islice(boxes, AHEAD))
             try:
-                while box is not None:
-                    voxels, following = ahead.result(), next(boxes, None)
-                    if following is not None:
-                        ahead = reader.submit(self._read, following, t)
+                while ahead:
+                    box, reading = ahead.popleft()
+                    voxels = reading.result()
+                    ahead.extend(
+                        (following, reader.submit(self._read, following, t))
+                        for following in islice(boxes, 1)
+                    )
                     (z, y, _), (stop_z, stop_y, _) = box.start_zyx, box.stop_zyx
                     yield Piece(z, y, voxels, stop_z if stop_y == ny else z)
-                    box = following
             except BaseException:  # nobody waits for what is read ahead, and a server may be silent
+                for _, reading in ahead:
+                    reading.cancel()
                 self._source.abandon()
                 raise
 

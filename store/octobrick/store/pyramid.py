@@ -48,7 +48,7 @@ class Sink(Protocol):
         """Store, or compare, a brick that was wanted."""
 
     def count(self, t: int, c: int, histogram: metrics.Histogram) -> None:
-        """Add up the values of a brick of level 0."""
+        """Add up the values of bricks of level 0."""
 
     def end_layer(self, array: str, t: int, c: int, index: int) -> None:
         """All bricks of a layer have been given."""
@@ -252,10 +252,7 @@ class _Level:
         _, ny, nx = grid_of(self._shape_zyx, (self._plan.brick,) * 3)
         results = in_order(self._executor, self._calls(ny, nx), self._plan.nahead)
         for y in range(ny):
-            row = [next(results) for _ in range(nx)]
-            for x, result in enumerate(row):
-                self._give((self.layer, y, x), result)
-            self._feed(y, row)
+            self._give(y, [next(results) for _ in range(nx)])
 
     def _calls(self, ny: int, nx: int) -> Iterator[Callable[[], BrickResult]]:
         z_span = self._span(self.layer, 0)
@@ -276,18 +273,18 @@ class _Level:
         first = max(start - 1, 0)
         return _Span((first, min(stop + 1, n)), (start - first, stop - first))
 
-    def _give(self, brick_zyx: Zyx, result: BrickResult) -> None:
-        if result.encoded is not None:
-            self._sink.take(self._address(brick_zyx), result.encoded)
-        if result.histogram is not None:
-            self._sink.count(self._t, self._c, result.histogram)
-
-    def _feed(self, y: int, row: list[BrickResult]) -> None:
-        """Hand a row of bricks, at half resolution, to the coarser level."""
+    def _give(self, y: int, row: list[BrickResult]) -> None:
+        """Hand a row of bricks to the sink and, at half resolution, to the coarser level."""
+        for x, result in enumerate(row):
+            if result.encoded is not None:
+                self._sink.take(self._address((self.layer, y, x)), result.encoded)
+        counted = [r.histogram for r in row if r.histogram is not None]
+        if counted:
+            self._sink.count(self._t, self._c, metrics.Histogram.total_of(counted))
         half = self._plan.brick // 2
-        coarser = [r.coarser for r in row if r.coarser is not None]
         if self.coarser is not None:
-            self.coarser.window.put(self.layer * half, y * half, np.concatenate(coarser, axis=2))
+            blocks = [r.coarser for r in row if r.coarser is not None]
+            self.coarser.window.put_blocks(self.layer * half, y * half, blocks)
         if self._gradients is not None:
             self._gradients.put(self.layer, y, row)
 

@@ -42,9 +42,10 @@ def new_digest() -> xxhash.xxh3_128:
 class ShardWriter:
     """Writes one shard under a temporary name and puts it in place when finished.
 
-    The file is open only while something is appended, so any number of shards can be under way.
     Not thread-safe: the bytes depend on the order of the calls, which is the caller's to fix.
     """
+
+    _descriptor = -1
 
     def __init__(self, path: Path, nslots: int) -> None:
         self.path = path
@@ -93,8 +94,19 @@ class ShardWriter:
 
     def sync(self) -> None:
         """Make what was appended durable."""
-        with self._part.open("rb") as file:
-            os.fsync(file.fileno())
+        was_open = self._descriptor >= 0
+        os.fsync(self._opened())
+        if not was_open:
+            self.release()
+
+    def release(self) -> None:
+        """Close the file until something is appended again: any number can be under way."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def __del__(self) -> None:
+        self.release()
 
     def append(self, slot: int, frame: bytes) -> None:
         """Add the frame of the brick in this slot."""
@@ -107,22 +119,22 @@ class ShardWriter:
         crc = google_crc32c.value(index).to_bytes(_CRC_NBYTES, "little")
         self._write(index + crc)
         self.sync()
+        self.release()
         self._part.replace(self.path)
         return self._nbytes, self._digest.hexdigest()
 
     def _write(self, data: bytes) -> None:
-        # Without a file object, which would take longer to make than a brick to write.
-        descriptor = os.open(
-            self._part, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o666
-        )
-        try:
-            left = memoryview(data)
-            while left:
-                left = left[os.write(descriptor, left) :]
-        finally:
-            os.close(descriptor)
+        left = memoryview(data)
+        while left:
+            left = left[os.write(self._opened(), left) :]
         self._digest.update(data)
         self._nbytes += len(data)
+
+    def _opened(self) -> int:
+        if self._descriptor < 0:
+            flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+            self._descriptor = os.open(self._part, flags, 0o666)
+        return self._descriptor
 
 
 class ShardReader:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from octobrick.store.brick_encoder import EncodedBrick
 from octobrick.store.gradient_pyramid import gradient_array
 from octobrick.store.pyramid import Address
 from octobrick.store.shard import ShardWriter, shard_key, slot_of
+
+_OPEN_SHARDS_MAX = 64  # files; well under ulimit -n of 1024
 
 
 class ArrayRecord:
@@ -103,13 +106,18 @@ class VolumeWriter:
         folder: the volume.
         record: takes what is known of each brick.
         shard_bricks: bricks per shard and axis.
+        executor: finishes shards.
     """
 
-    def __init__(self, folder: Path, record: VolumeRecord, shard_bricks: int) -> None:
+    def __init__(
+        self, folder: Path, record: VolumeRecord, shard_bricks: int, executor: Executor
+    ) -> None:
         self._folder = folder
         self._record = record
         self._arrays = record.arrays
         self._shard_zyx: Zyx = (shard_bricks,) * 3
+        self._executor = executor
+        self._open: dict[ShardWriter, None] = {}  # the least recently written first
         self.shards_under_way: dict[tuple[str, int, int], dict[str, ShardWriter]] = {}
 
     def wants(self, _: Address) -> bool:
@@ -130,6 +138,7 @@ class VolumeWriter:
             nslots = int(np.prod(self._shard_zyx))
             writer = shards[key] = ShardWriter(self._folder / address.array / key, nslots)
         writer.append(slot_of(address.zyx, self._shard_zyx), encoded.frame)
+        self._keep_open(writer)
 
     def count(self, t: int, c: int, histogram: metrics.Histogram) -> None:  # noqa: ARG002
         """See `Sink.count`."""
@@ -140,8 +149,12 @@ class VolumeWriter:
         nlayers, nshard = self._arrays[array].grid_zyx[0], self._shard_zyx[0]
         if index + 1 != nlayers and (index + 1) % nshard:
             return
-        for key, writer in self.shards_under_way.pop((array, t, c), {}).items():
-            self._arrays[array].shards[key] = writer.finish()
+        finished = self.shards_under_way.pop((array, t, c), {})
+        for writer in finished.values():
+            self._open.pop(writer, None)
+        # Side by side: a disk writes many files at once sooner than one after the other.
+        ended = self._executor.map(ShardWriter.finish, finished.values())
+        self._arrays[array].shards.update(zip(finished, ended, strict=True))
 
     def resume_shard(
         self, array: str, t: int, c: int, key: str, index: NDArray[np.uint64], nbytes: int
@@ -149,6 +162,14 @@ class VolumeWriter:
         """Take up a shard that was under way at a checkpoint; raises `ShardWriter.resume`'s."""
         path = self._folder / array / key
         self._under_way(array, t, c)[key] = ShardWriter.resume(path, index, nbytes)
+
+    def _keep_open(self, writer: ShardWriter) -> None:
+        """Let go of the file that was written to longest ago, when too many are open."""
+        self._open.pop(writer, None)
+        self._open[writer] = None
+        if len(self._open) > _OPEN_SHARDS_MAX:
+            next(iter(self._open)).release()
+            del self._open[next(iter(self._open))]
 
     def _under_way(self, array: str, t: int, c: int) -> dict[str, ShardWriter]:
         return self.shards_under_way.setdefault((array, t, c), {})

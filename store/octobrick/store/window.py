@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -54,6 +54,10 @@ class Window(ABC):
     def put(self, z: int, y: int, rows: Voxels) -> None:
         """Take whole rows (nz, ny, nx[, 3]) from (z, y) on."""
 
+    def put_blocks(self, z: int, y: int, blocks: Sequence[Voxels]) -> None:
+        """Take rows from (z, y) on, given as blocks beside each other along x."""
+        self.put(z, y, np.concatenate(blocks, axis=2))
+
     @abstractmethod
     def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Columns:
         """These rows, of which any thread may take columns until they are dropped."""
@@ -97,8 +101,15 @@ class MemoryWindow(Window):
 
     def put(self, z: int, y: int, rows: Voxels) -> None:
         """See `Window.put`."""
-        at = z - self.first_z
-        self._planes[at : at + rows.shape[0], y : y + rows.shape[1]] = rows
+        self.put_blocks(z, y, [rows])
+
+    def put_blocks(self, z: int, y: int, blocks: Sequence[Voxels]) -> None:
+        """See `Window.put_blocks`."""
+        x, (nz, ny) = 0, blocks[0].shape[:2]
+        rows = self._planes[z - self.first_z : z - self.first_z + nz, y : y + ny]
+        for block in blocks:
+            rows[:, :, x : x + block.shape[2]] = block
+            x += block.shape[2]
 
     def rows(self, start_z: int, stop_z: int, start_y: int, stop_y: int) -> Columns:
         """See `Window.rows`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -57,19 +58,24 @@ class Histogram:
 
     def __add__(self, other: Histogram) -> Histogram:
         """Both together."""
-        if not self.counts.size or not other.counts.size:
-            return self if self.counts.size else other
-        exponent = max(self.exponent, other.exponent)
-        a, b = self._coarser(exponent), other._coarser(exponent)
-        first = min(a.first, b.first)
-        end = max(a.first + a.counts.size, b.first + b.counts.size)
+        return Histogram.total_of([self, other])
+
+    @classmethod
+    def total_of(cls, parts: Iterable[Histogram]) -> Histogram:
+        """All of them together: the same as adding one after the other, and faster."""
+        counted = [part for part in parts if part.counts.size]
+        if len(counted) < 2:
+            return counted[0] if counted else cls()
+        exponent = max(part.exponent for part in counted)
+        first = min(part.first >> (exponent - part.exponent) for part in counted)
+        end = max(part._last >> (exponent - part.exponent) for part in counted) + 1
         while end - first > BINS_MAX:
             exponent, first, end = exponent + 1, first >> 1, ((end - 1) >> 1) + 1
-            a, b = a._coarser(exponent), b._coarser(exponent)
         counts = np.zeros(end - first, np.uint64)
-        for part in (a, b):
-            counts[part.first - first : part.first - first + part.counts.size] += part.counts
-        return Histogram(exponent, first, counts)
+        for part in counted:
+            at, own = part._coarser(exponent)
+            counts[at - first : at - first + own.size] += own
+        return cls(exponent, first, counts)
 
     def quantile(self, share: float) -> float:
         """The value below which this share of all lies, taken as spread evenly within a bin.
@@ -94,16 +100,21 @@ class Histogram:
         inside = (wanted - before) / count if count else 0.0
         return (self.first + bin_ + inside) * self.width
 
-    def _coarser(self, exponent: int) -> Histogram:
+    @property
+    def _last(self) -> int:
+        """The number of the last bin."""
+        return self.first + self.counts.size - 1
+
+    def _coarser(self, exponent: int) -> tuple[int, NDArray[np.uint64]]:
+        """First bin and counts with bins of another width, not below ours."""
         steps = exponent - self.exponent
         if steps == 0:
-            return self
+            return self.first, self.counts
         first, size = self.first >> steps, self.counts.size
         # Where the coarser bins begin among ours, the first perhaps in the middle of one.
-        begin = ((first + 1) << steps) - self.first if steps < 64 else size
-        starts = np.arange(begin, size, 1 << steps) if begin < size else np.zeros(0, np.intp)
-        counts = np.add.reduceat(self.counts, np.concatenate(([0], starts)))
-        return Histogram(exponent, first, counts)
+        begin = ((first + 1) << steps) - self.first
+        starts = [0, *range(begin, size, 1 << steps)] if begin < size else [0]
+        return first, np.add.reduceat(self.counts, starts)
 
 
 def histogram(volume: Voxels, low: float, high: float) -> Histogram:
