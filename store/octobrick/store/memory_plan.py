@@ -92,10 +92,13 @@ def _rows_nbytes(plan: PyramidPlan, window: WindowShape) -> int:
 
 
 def _work_nbytes(plan: PyramidPlan, nworkers: int) -> int:
-    """What bricks take that are being encoded, or wait to be stored."""
+    """What bricks take that are being encoded, or wait for the rest of their row."""
     nvoxels, itemsize = plan.brick**3, plan.dtype.itemsize
-    gradients = 6 if plan.directions is not None else 0  # float32 and codes, at half resolution
-    return nvoxels * (nworkers * (4 * itemsize + gradients) + plan.nahead * (itemsize + 1))
+    has_gradients = plan.directions is not None
+    worked_nbytes = 4 * itemsize + (6 if has_gradients else 0)  # float32 at half resolution
+    waiting_nbytes = itemsize * 9 / 8 + (3 / 7 if has_gradients else 0)  # and what it is reduced to
+    nrow = -(-plan.shapes_zyx[0][2] // plan.brick)
+    return int(nvoxels * (nworkers * worked_nbytes + (plan.nahead + nrow) * waiting_nbytes))
 
 
 def _tables_nbytes(plan: PyramidPlan) -> int:
