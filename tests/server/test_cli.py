@@ -116,9 +116,25 @@ def test_zerobit_options_reach_the_volume(
     assert "zerobit; ratio=0.2" in run("info", tmp_path / "v.zarr").stdout
 
 
+def test_gradients_and_memory_reach_the_ingest(
+    run: Callable[..., Result], source: Path, tmp_path: Path
+) -> None:
+    options = ("--brick", 16, "--gradients", "--memory", "1.5GiB")
+    result = run("ingest", source, tmp_path / "v.zarr", *options)
+    assert result.exit_code == 0, result.stderr
+    assert "gradients" in result.stdout
+    stored = open_volume(tmp_path / "v.zarr").gradients
+    assert stored is not None
+    assert stored.levels == (1,)
+    assert "of levels 1 to 1" in run("info", tmp_path / "v.zarr").stdout
+    short = run("ingest", source, tmp_path / "w.zarr", "--memory", "1MB")
+    assert (short.exit_code, "takes at least" in short.stderr) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "exit_code", "kind"),
     [
+        (["{source}", "v.zarr", "--memory", "much"], 2, "invalid-input"),
         (["nothing.npy", "v.zarr"], 1, "source-not-found"),
         (["{source}", "there.zarr"], 1, "destination-exists"),
         (["{source}", "v.zarr", "--bits", "9"], 2, "invalid-input"),

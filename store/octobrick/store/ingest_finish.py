@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import shutil
 from pathlib import Path
 
@@ -167,6 +168,8 @@ def _window(
 ) -> tuple[attrs.Number, attrs.Number]:
     """Values worth showing: from the lowest up to what all but one in a thousand stay below."""
     low, high = value_range
-    counted = sum(histograms, metrics.Histogram())
-    high = min(counted.quantile(_WINDOW_HIGH_SHARE), float(high))
-    return (low, high if high > low else value_range[1])
+    bright: attrs.Number = metrics.Histogram.total_of(histograms).quantile(_WINDOW_HIGH_SHARE)
+    if isinstance(high, int):
+        bright = math.ceil(bright)
+    bright = min(bright, high)
+    return (low, bright if bright > low else high)

@@ -146,7 +146,7 @@ class PieceWindow(Window):
                 at = (slice(z0 - start_z, z1 - start_z), slice(y0 - start_y, y1 - start_y))
                 parts.append((at, rows[z0 - z : z1 - z, y0 - y : y1 - y]))
         shape = (stop_z - start_z, stop_y - start_y)
-        return partial(_gathered, tuple(parts), shape, self._dtype)
+        return partial(_gathered, tuple(parts), shape, self._row_shape[2:], self._dtype)
 
     def drop_to(self, z: int) -> None:
         """See `Window.drop_to`."""
@@ -203,11 +203,12 @@ def _columns(rows: Voxels, start_x: int, stop_x: int) -> Voxels:
 def _gathered(
     parts: tuple[tuple[tuple[slice, slice], Voxels], ...],
     shape: tuple[int, int],
+    vector: tuple[int, ...],
     dtype: np.dtype[Any],
     start_x: int,
     stop_x: int,
 ) -> Voxels:
-    out = np.empty((*shape, stop_x - start_x), dtype)
+    out = np.empty((*shape, stop_x - start_x, *vector), dtype)
     for at, rows in parts:
         out[at] = rows[:, :, start_x:stop_x]
     return out

@@ -72,6 +72,7 @@ def _print_volume(volume: Volume) -> None:
             "spacing (x, y, z)": f"{spacing} {volume.unit or ''}".rstrip(),
             "values": f"{low:g} to {high:g}",
             "window": f"{dark:g} to {bright:g}",
+            "gradients": _gradient_levels(volume),
         }
     )
     print_table(
@@ -91,6 +92,11 @@ def _print_volume(volume: Volume) -> None:
             for level in volume.levels
         ),
     )
+
+
+def _gradient_levels(volume: Volume) -> str | None:
+    stored = volume.gradients
+    return None if stored is None else f"of levels {stored.levels[0]} to {stored.levels[-1]}"
 
 
 def _print_fields(fields: dict[str, Any]) -> None:
