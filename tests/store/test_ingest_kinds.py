@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 import zarr
 
 from octobrick.codec import S3dc, reduce
 from octobrick.codec.errors import InvalidInputError, UnsupportedError
 from octobrick.store import Box, ingest, open_volume
 from octobrick.store.errors import IngestCancelledError
-from octobrick.store.sources import Description, Source
+from octobrick.store.sources import Description, Source, open_source
 
 from .conftest import smooth
 
@@ -48,6 +49,20 @@ def film(monkeypatch: pytest.MonkeyPatch) -> np.ndarray:
     module = sys.modules[ingest.__module__]
     monkeypatch.setattr(module, "open_source", lambda *_, **__: FilmSource(voxels))
     return voxels
+
+
+def test_viewers_are_told_names_colours_and_window_of_the_channels(tmp_path: Path) -> None:
+    voxels = np.stack([smooth((9, 20, 24), "uint8", seed) for seed in range(3)], axis=-1)
+    tifffile.imwrite(tmp_path / "v.tif", voxels, photometric="rgb")
+    ingest(tmp_path / "v.tif", tmp_path / "v.zarr", codec=None, brick=16)
+    attributes = zarr.open_group(tmp_path / "v.zarr", mode="r").attrs.asdict()
+    shown = attributes["ome"]["omero"]["channels"]
+    assert [channel["color"] for channel in shown] == ["ff0000", "00ff00", "0000ff"]
+    assert [channel["label"] for channel in shown] == ["red", "green", "blue"]
+    low, high = attributes["octobrick"]["window"]
+    assert (shown[0]["window"]["start"], shown[0]["window"]["end"]) == (low, high)
+    with open_source(tmp_path / "v.zarr") as again:  # and so the volume is a source of colours
+        assert again.is_rgb
 
 
 def test_every_channel_of_every_time_step_is_stored(film: np.ndarray, tmp_path: Path) -> None:

@@ -124,7 +124,23 @@ def ome_attributes(name: str, attributes: VolumeAttributes) -> dict[str, Any]:
     space = {"type": "space"} | ({"unit": attributes.unit} if attributes.unit else {})
     axes = [{"name": "t", "type": "time"}, {"name": "c", "type": "channel"}]
     axes += [{"name": axis} | space for axis in "zyx"]
-    return {"version": "0.5", "multiscales": [{"name": name, "axes": axes, "datasets": datasets}]}
+    multiscale = {"name": name, "axes": axes, "datasets": datasets}
+    return {"version": "0.5", "multiscales": [multiscale], "omero": _omero(attributes)}
+
+
+def _omero(attributes: VolumeAttributes) -> dict[str, Any]:
+    """How viewers show the channels, as OME-NGFF takes it over from OMERO."""
+    names = attributes.source.get("channel_names") or []
+    colors = attributes.source.get("channel_colors") or []
+    (low, high), (dark, bright) = attributes.value_range, attributes.window
+    window = {"min": low, "max": high, "start": dark, "end": bright}
+    channels = []
+    for c in range(attributes.nc):
+        name, color = (own[c] if c < len(own) else None for own in (names, colors))
+        label = str(name) if name else str(c)
+        shown = {"label": label, "color": color or "ffffff", "window": window, "active": True}
+        channels.append(shown)
+    return {"channels": channels}
 
 
 def write_root(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,7 @@ from octobrick.store.box import Box
 from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder
 from octobrick.store.errors import SourceMismatchError, VolumeFormatError
 from octobrick.store.gradient_pyramid import gradient_array
+from octobrick.store.memory_plan import plan_memory
 from octobrick.store.piece_reader import PieceReader
 from octobrick.store.progress import ProgressMeter
 from octobrick.store.pyramid import Pyramid, PyramidPlan, Sink, feed
@@ -88,7 +92,7 @@ class Rebuild:
         brick = volume.brick_shape_zyx[0]
         self._reader = PieceReader(source, replace_nonfinite, brick)
         shapes = tuple(level.shape_zyx for level in volume.levels)
-        self._plan = PyramidPlan(
+        plan = PyramidPlan(
             shapes_zyx=shapes,
             dtype=volume.dtype,
             encoders=[
@@ -96,12 +100,22 @@ class Rebuild:
                 for i in range(len(shapes))
             ],
             reducer=volume.metadata()["reducer"],
-            spacing_zyx=source.spacing_zyx,
+            spacing_zyx=tuple(volume.metadata()["spacing"]),  # as it was, whatever was said of it
             directions=_direction_encoder(volume),
             source_nplanes=self._reader.nplanes,
             make_window=memory_window,
             nahead=4 * nworkers,
         )
+        memory = plan_memory(
+            plan,
+            nc=source.nc,
+            nworkers=nworkers,
+            piece_nbytes=self._reader.piece_nbytes,
+            limit_nbytes=None,
+        )
+        # The volume's folder may be read-only.
+        make_window = partial(memory.window, Path(tempfile.gettempdir()))
+        self._plan = dataclasses.replace(plan, make_window=make_window)
 
     def run(self, meter: ProgressMeter) -> None:
         """Go through all time steps and channels."""

@@ -230,6 +230,7 @@ class Source(ABC):
             "timepoints": self.nt,
             "channels": self.nc,
             "channel_names": [channel.name for channel in self.channels],
+            "channel_colors": [channel.color for channel in self.channels],
             "labels": self.labels,
             "spacing_zyx": list(self.spacing_zyx),
             "unit": self.unit,
