@@ -47,6 +47,21 @@ class WindowContract:
         np.testing.assert_array_equal(np.concatenate(list(window.held())), level[30:])
         assert window.held_shape == (10, 12, 9, *tail)
 
+    def test_what_is_held_comes_in_pieces_that_follow_each_other(
+        self, make: MakeWindow, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        level = np.arange(5 * 12 * 9, dtype=np.uint16).reshape(5, 12, 9)
+        window = make(5, (12, 9), "uint16")
+        window.put(0, 0, level)
+        window.complete_to(5)
+        for piece_nbytes in (1, 5 * 9 * 2, 12 * 9 * 2, 3 * 12 * 9 * 2, 2**20):
+            monkeypatch.setattr("octobrick.store.window._PIECE_NBYTES", piece_nbytes)
+            pieces = list(window.held())
+            assert max(piece.nbytes for piece in pieces) <= max(piece_nbytes, 9 * 2)
+            np.testing.assert_array_equal(
+                np.concatenate([p.ravel() for p in pieces]), level.ravel()
+            )
+
     def test_blocks_beside_each_other_are_rows(self, make: MakeWindow) -> None:
         level = np.arange(2 * 4 * 9, dtype=np.uint16).reshape(2, 4, 9)
         window = make(4, (4, 9), "uint16")

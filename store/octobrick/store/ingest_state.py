@@ -148,6 +148,8 @@ def _restore_pyramid(
 
 def _fill(window: Window, first_z: int, checkpoint: Checkpoint, name: str) -> None:
     window.begin_at(first_z)
-    for planes in checkpoint.planes(name, (*window.held_shape[1:],), window.dtype):
-        window.put(window.stop_z, 0, planes)
-        window.complete_to(window.stop_z + len(planes))
+    stop_z = first_z
+    for z, y, rows in checkpoint.pieces(name, window.held_shape[1:], window.dtype):
+        window.put(first_z + z, y, rows)
+        stop_z = max(stop_z, first_z + z + len(rows))
+    window.complete_to(stop_z)

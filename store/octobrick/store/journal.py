@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.store.errors import ResumeError
+from octobrick.store.window import pieces_of
 
 JOURNAL_NAME = ".journal"
 _FACTS = "facts.json"
 _VERSION = 2
-_PIECE_NBYTES = 16 * 2**20
 
 
 class Planes(NamedTuple):
@@ -32,7 +32,7 @@ class Planes(NamedTuple):
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     pieces: Callable[[], Iterator[NDArray[Any]]]
-    """Gives it in pieces along the first axis."""
+    """Gives it in pieces that follow each other in memory."""
 
 
 Arrays = dict[str, NDArray[Any] | Planes]
@@ -128,10 +128,10 @@ class Checkpoint:
             member.read(1)  # the end, where the checksum is looked at
         return array
 
-    def planes(
+    def pieces(
         self, name: str, plane_shape: tuple[int, ...], dtype: np.dtype[Any]
-    ) -> Iterator[NDArray[Any]]:
-        """An array in pieces of a bounded size along its first axis.
+    ) -> Iterator[tuple[int, int, NDArray[Any]]]:
+        """An array in pieces of a bounded size: first plane, first row, and rows (z, y, …).
 
         Args:
             name: which.
@@ -146,12 +146,10 @@ class Checkpoint:
             shape, fortran, found = np.lib.format.read_array_header_1_0(member)
             if shape[1:] != plane_shape or found != dtype or fortran:
                 raise ValueError(f"{name} has shape {shape} of {found}, not (…, {plane_shape})")
-            plane_nbytes = int(np.prod(plane_shape)) * dtype.itemsize
-            step = max(1, _PIECE_NBYTES // max(plane_nbytes, 1))
-            for z in range(0, shape[0], step):
-                count = min(step, shape[0] - z)
-                data = member.read(count * plane_nbytes)
-                yield np.frombuffer(data, dtype).reshape(count, *plane_shape)
+            for z0, z1, y0, y1 in pieces_of(shape, dtype):
+                piece = (z1 - z0, y1 - y0, *shape[2:])
+                data = member.read(int(np.prod(piece)) * dtype.itemsize)
+                yield z0, y0, np.frombuffer(data, dtype).reshape(piece)
             member.read(1)
 
 

@@ -57,14 +57,18 @@ def plan_memory(
     """
     limit = limit_nbytes or int(system_nbytes() * _SHARE_OF_SYSTEM)
     fixed = _BASE_NBYTES + _PIECES * piece_nbytes + _work_nbytes(plan, nworkers)
+    fixed += nc * _tables_nbytes(plan)
     windows = plan.window_shapes()
-    total = fixed + nc * (_tables_nbytes(plan) + sum(w.nbytes for w in windows.values()))
-    scratch = set()
+    kept = sum(window.nbytes for window in windows.values())
+    scratch: set[str] = set()
+    rows = 0  # of one array at a time
     for array in sorted(windows, key=lambda name: windows[name].nbytes, reverse=True):
-        saved = windows[array].nbytes - _rows_nbytes(plan, windows[array])
-        if total > limit and saved > 0:
+        own_rows = max(rows, _rows_nbytes(plan, windows[array]))
+        pays = nc * windows[array].nbytes > own_rows - rows
+        if fixed + nc * kept + rows > limit and pays:
             scratch.add(array)
-            total -= nc * saved
+            kept, rows = kept - windows[array].nbytes, own_rows
+    total = fixed + nc * kept + rows
     if total > limit and limit_nbytes is not None:
         raise InvalidInputError(
             f"memory {limit_nbytes}: this volume takes at least {total} bytes; allow that much, or "
@@ -88,7 +92,8 @@ def system_nbytes() -> int:
 def _rows_nbytes(plan: PyramidPlan, window: WindowShape) -> int:
     """What is in memory of a window that lies in a file: two rows of bricks."""
     row_nbytes = window.nbytes // (window.nplanes * window.row_shape[0])
-    return 2 * row_nbytes * (plan.brick + 2) ** 2
+    side = plan.brick + 2
+    return 2 * row_nbytes * min(side, window.nplanes) * min(side, window.row_shape[0])
 
 
 def _work_nbytes(plan: PyramidPlan, nworkers: int) -> int:

@@ -67,11 +67,10 @@ class Window(ABC):
         """Forget the planes before ``z``."""
 
     def held(self) -> Iterator[Voxels]:
-        """The planes that are complete, in pieces of a bounded size."""
-        nrows = self._row_shape[0]
-        nplanes = max(1, _PIECE_NBYTES // max(self._plane_nbytes, 1))
-        for z in range(self.first_z, self.stop_z, nplanes):
-            yield self.rows(z, min(z + nplanes, self.stop_z), 0, nrows)(0, self._row_shape[1])
+        """The planes that are complete, (z, y, x[, 3]), as pieces of bounded size, in order."""
+        for z0, z1, y0, y1 in pieces_of(self.held_shape, self._dtype):
+            columns = self.rows(self.first_z + z0, self.first_z + z1, y0, y1)
+            yield columns(0, self._row_shape[1])
 
     @property
     def held_shape(self) -> tuple[int, ...]:
@@ -90,6 +89,20 @@ class Window(ABC):
     @property
     def _plane_nbytes(self) -> int:
         return int(np.prod(self._row_shape)) * self._dtype.itemsize
+
+
+def pieces_of(shape: tuple[int, ...], dtype: np.dtype[Any]) -> Iterator[tuple[int, int, int, int]]:
+    """First and last but one plane and row of pieces of an array that follow each other in memory.
+
+    They are of a bounded size; either of whole planes, or of rows of one.
+    """
+    nz, ny = shape[:2]
+    row_nbytes = max(int(np.prod(shape[2:])) * dtype.itemsize, 1)
+    nplanes = max(1, _PIECE_NBYTES // (row_nbytes * max(ny, 1)))
+    nrows = ny if nplanes > 1 else min(max(1, _PIECE_NBYTES // row_nbytes), ny)
+    for z in range(0, nz, nplanes):
+        for y in range(0, ny, nrows):
+            yield z, min(z + nplanes, nz), y, min(y + nrows, ny)
 
 
 class MemoryWindow(Window):
