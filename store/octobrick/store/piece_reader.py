@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import islice
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from octobrick.codec.errors import NotFiniteError
 from octobrick.store.box import Box
+from octobrick.store.in_order import in_order
 from octobrick.store.sources import Source
 
 Voxels = NDArray[np.generic]
@@ -83,25 +83,18 @@ class PieceReader:
             NotFiniteError: with the voxel's position.
             SourceError: the source is damaged.
         """
-        ny = self._source.shape_zyx[1]
-        boxes = self._boxes(first_z)
+        calls = (partial(self._piece, box, t) for box in self._boxes(first_z))
         with ThreadPoolExecutor(1, thread_name_prefix="octobrick-read") as reader:
-            ahead = deque((box, reader.submit(self._read, box, t)) for box in islice(boxes, AHEAD))
             try:
-                while ahead:
-                    box, reading = ahead.popleft()
-                    voxels = reading.result()
-                    ahead.extend(
-                        (following, reader.submit(self._read, following, t))
-                        for following in islice(boxes, 1)
-                    )
-                    (z, y, _), (stop_z, stop_y, _) = box.start_zyx, box.stop_zyx
-                    yield Piece(z, y, voxels, stop_z if stop_y == ny else z)
+                yield from in_order(reader, calls, AHEAD)
             except BaseException:  # nobody waits for what is read ahead, and a server may be silent
-                for _, reading in ahead:
-                    reading.cancel()
                 self._source.abandon()
                 raise
+
+    def _piece(self, box: Box, t: int) -> Piece:
+        (z, y, _), (stop_z, stop_y, _) = box.start_zyx, box.stop_zyx
+        is_last = stop_y == self._source.shape_zyx[1]
+        return Piece(z, y, self._read(box, t), stop_z if is_last else z)
 
     def _boxes(self, first_z: int) -> Iterator[Box]:
         nz, ny, nx = self._source.shape_zyx

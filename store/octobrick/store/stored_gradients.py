@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
 from octobrick.store import frame as zstd_frame
-from octobrick.store.box import Box, Zyx, cell_box, cells_touching
+from octobrick.store.assembled import fill_from_bricks
+from octobrick.store.box import Box, Zyx
 from octobrick.store.brick_encoder import NO_DIRECTION
 from octobrick.store.gradient_pyramid import gradient_array
 from octobrick.store.level import Level
@@ -122,13 +123,7 @@ class StoredGradients:
         box = box or Box.of_shape(shape_zyx)
         box.require_within(shape_zyx, f"gradients of level {level}")
         out = np.empty((*box.shape_zyx, 3), np.uint8)
-        z, y, x = box.start_zyx
-        for brick_zyx in cells_touching(box, self._brick_shape_zyx):
-            brick_box = cell_box(brick_zyx, self._brick_shape_zyx)
-            wanted = brick_box.intersect(box)
-            bz, by, bx = brick_box.start_zyx
-            brick = self.brick(level, brick_zyx, t, c)
-            out[wanted.shift((-z, -y, -x)).slices] = brick[wanted.shift((-bz, -by, -bx)).slices]
+        fill_from_bricks(out, box, self._brick_shape_zyx, lambda zyx: self.brick(level, zyx, t, c))
         return out
 
     def _require(self, level: int, zyx: Zyx) -> None:

@@ -16,6 +16,7 @@ from octobrick.codec import metrics
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
 from octobrick.store import brick_codec
 from octobrick.store import frame as zstd_frame
+from octobrick.store.assembled import fill_from_bricks
 from octobrick.store.attributes import Number, VolumeAttributes
 from octobrick.store.box import Box, Zyx, cell_box, cells_touching, grid_of
 from octobrick.store.brick_codec import BrickCodec, codec_text
@@ -252,13 +253,7 @@ class Volume:
         box = box or Box.of_shape(shape_zyx)
         box.require_within(shape_zyx, f"{self.name} level {level}")
         out = np.empty(box.shape_zyx, self.dtype)
-        z, y, x = box.start_zyx
-        for brick_zyx in cells_touching(box, self.brick_shape_zyx):
-            brick_box = cell_box(brick_zyx, self.brick_shape_zyx)
-            wanted = brick_box.intersect(box)
-            bz, by, bx = brick_box.start_zyx
-            brick = self.brick(level, brick_zyx, t, c)
-            out[wanted.shift((-z, -y, -x)).slices] = brick[wanted.shift((-bz, -by, -bx)).slices]
+        fill_from_bricks(out, box, self.brick_shape_zyx, lambda zyx: self.brick(level, zyx, t, c))
         return out
 
     def shard_key(self, brick_zyx: Zyx, t: int = 0, c: int = 0) -> str:

@@ -6,9 +6,9 @@ import contextlib
 import json
 import os
 import queue
-from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.store.in_order import in_order
 from octobrick.store.progress import ProgressCallback, ProgressMeter, peak_rss_nbytes
 from octobrick.store.staging import staged_file
 from octobrick.store.synth.field import Field
@@ -127,18 +128,9 @@ class _Job:
         nz, ny, nx = self.shape_zyx
         plane_nbytes = ny * nx * self.dtype.itemsize * (3 if self._rgb else 1)
         step = max(1, _PIECE_NBYTES // plane_nbytes)
-        ahead: deque[Future[NDArray[Any]]] = deque()
+        calls = (partial(self._make, z, min(z + step, nz)) for z in range(0, nz, step))
         with ThreadPoolExecutor(self._workers, thread_name_prefix="octobrick-synth") as executor:
-            try:
-                for z in range(0, nz, step):
-                    ahead.append(executor.submit(self._make, z, min(z + step, nz)))
-                    if len(ahead) > self._workers:
-                        yield ahead.popleft().result()
-                while ahead:
-                    yield ahead.popleft().result()
-            finally:
-                for future in ahead:
-                    future.cancel()
+            yield from in_order(executor, calls, self._workers)
 
     def _make(self, z0: int, z1: int) -> NDArray[Any]:
         try:
