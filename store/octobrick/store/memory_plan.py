@@ -71,8 +71,8 @@ def plan_memory(
     total = fixed + nc * kept + rows
     if total > limit and limit_nbytes is not None:
         raise InvalidInputError(
-            f"memory {limit_nbytes}: this volume takes at least {total} bytes; allow that much, or "
-            "choose smaller bricks or fewer workers",
+            f"memory {limit_nbytes}: this volume takes at least {total} bytes (--memory "
+            f"{-(-total // 2**20)}MiB); allow that much, or choose smaller bricks or fewer workers",
             memory=limit_nbytes,
             least_nbytes=total,
         )
