@@ -59,6 +59,13 @@ def test_without_being_asked_for_there_are_none(ingested: Ingested) -> None:
     assert not (volume.path / "gradient").exists()
 
 
+def test_a_volume_of_one_level_says_that_it_has_none(tmp_path: Path) -> None:
+    np.save(tmp_path / "v.npy", smooth((20, 20, 20)))
+    result = ingest(tmp_path / "v.npy", tmp_path / "v.zarr", gradients=True)
+    assert open_volume(tmp_path / "v.zarr").gradients is None
+    assert ["no gradients" in warning for warning in result.warnings] == [True]
+
+
 def test_flat_bricks_are_absent_and_have_no_direction(ingested: Ingested) -> None:
     voxels = np.zeros((32, 32, 64), np.uint8)
     voxels[:, :, 60] = 9

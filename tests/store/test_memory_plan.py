@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +31,12 @@ PLAN = PyramidPlan(
 )
 
 
-def planned(limit_nbytes: int | None, plan: PyramidPlan = PLAN, nc: int = 1) -> MemoryPlan:
-    return plan_memory(plan, nc=nc, nworkers=2, piece_nbytes=16 * MIB, limit_nbytes=limit_nbytes)
+def planned(
+    limit_nbytes: int | None, plan: PyramidPlan = PLAN, nc: int = 1, nt: int = 1
+) -> MemoryPlan:
+    return plan_memory(
+        plan, nt=nt, nc=nc, nworkers=2, piece_nbytes=16 * MIB, limit_nbytes=limit_nbytes
+    )
 
 
 def test_the_largest_windows_go_to_files_until_the_rest_fits() -> None:
@@ -62,6 +67,12 @@ def test_every_channel_has_windows_of_its_own() -> None:
     assert planned(2**40, nc=3).nbytes > planned(2**40).nbytes + sum(
         window.nbytes for window in PLAN.window_shapes().values()
     )
+
+
+def test_ranges_and_errors_of_all_time_steps_are_counted() -> None:
+    nbricks = sum(math.prod(-(-n // 64) for n in shape) for shape in SHAPES)
+    more = planned(2**40, nt=11).nbytes - planned(2**40).nbytes
+    assert more == 10 * nbricks * (2 * 2 + 2 * 4)  # two uint16, two float32
 
 
 def test_unless_told_otherwise_it_is_half_of_what_the_system_has() -> None:

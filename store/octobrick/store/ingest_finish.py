@@ -132,12 +132,17 @@ class IngestFinish:
             channels=attributes.nc,
             shape_zyx=self._source.shape_zyx,
             levels=tuple(levels),
-            warnings=(*self._source.warnings, *self._codecs.notes),
+            warnings=(*self._source.warnings, *self._codecs.notes, *self._notes()),
             resumed_voxels=meter.begun_at_voxels,
             elapsed_seconds=elapsed,
             megabytes_per_second=meter.new_voxels * itemsize / 1e6 / elapsed,
             peak_rss_nbytes=peak_rss_nbytes(),
         )
+
+    def _notes(self) -> list[str]:
+        if self._options.gradients and len(self._plan.shapes_zyx) == 1:
+            return ["no gradients are stored: those of level 0 never are, and there is no other"]
+        return []
 
 
 def _level(

@@ -53,6 +53,7 @@ class IngestPlan:
         reader = PieceReader(source, options.replace_nonfinite, options.brick)
         memory = plan_memory(
             _pyramid_plan(source, options, shapes, reader, nworkers, [None] * len(shapes)),
+            nt=source.nt,
             nc=source.nc,
             nworkers=nworkers,
             piece_nbytes=reader.piece_nbytes,

@@ -41,12 +41,19 @@ class MemoryPlan:
 
 
 def plan_memory(
-    plan: PyramidPlan, *, nc: int, nworkers: int, piece_nbytes: int, limit_nbytes: int | None
+    plan: PyramidPlan,
+    *,
+    nt: int,
+    nc: int,
+    nworkers: int,
+    piece_nbytes: int,
+    limit_nbytes: int | None,
 ) -> MemoryPlan:
     """Keep as many windows in memory as the limit allows; the largest go to scratch files first.
 
     Args:
         plan: what is made of each channel.
+        nt: time steps, whose ranges and errors are all remembered.
         nc: channels, each of which has windows of its own.
         nworkers: encoding threads.
         piece_nbytes: what is read at a time, of all channels.
@@ -57,7 +64,7 @@ def plan_memory(
     """
     limit = limit_nbytes or int(system_nbytes() * _SHARE_OF_SYSTEM)
     fixed = _BASE_NBYTES + _PIECES * piece_nbytes + _work_nbytes(plan, nworkers)
-    fixed += nc * _tables_nbytes(plan)
+    fixed += nt * nc * _tables_nbytes(plan)
     windows = plan.window_shapes()
     kept = sum(window.nbytes for window in windows.values())
     scratch: set[str] = set()

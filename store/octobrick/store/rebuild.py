@@ -108,6 +108,7 @@ class Rebuild:
         )
         memory = plan_memory(
             plan,
+            nt=source.nt,
             nc=source.nc,
             nworkers=nworkers,
             piece_nbytes=self._reader.piece_nbytes,
