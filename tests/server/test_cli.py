@@ -113,7 +113,7 @@ def test_zerobit_options_reach_the_volume(
     result = run("ingest", source, tmp_path / "v.zarr", *arguments)
     assert result.exit_code == 0, result.stderr
     assert open_volume(tmp_path / "v.zarr").codec == Zerobit(0.2, background=5)
-    assert "zerobit; ratio=0.2" in run("info", tmp_path / "v.zarr").stdout
+    assert "zerobit; details=0.2" in run("info", tmp_path / "v.zarr").stdout
 
 
 def test_gradients_and_memory_reach_the_ingest(

@@ -77,7 +77,7 @@ def codec_text(codec: BrickCodec) -> str:
         return "raw"
     if isinstance(codec, Zerobit):
         shared = "" if codec.codebook is None else "; codebook=shared"
-        return f"zerobit; ratio={codec.ratio:.6g}{shared}"
+        return f"zerobit; details={codec.ratio:.6g}{shared}"
     rule = next(n for n in ("bits", "max_error", "bits_per_voxel", "slope") if _has(codec, n))
     block = ",".join(str(n) for n in codec.block)
     return f"s3dc; block={block}; {rule}={getattr(codec, rule):.6g}"
