@@ -17,6 +17,8 @@ from octobrick.renderer.code_layout import CodeLayout
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.slab_buffer import SlabBuffer
 from octobrick.renderer.slab_decoder import SlabDecoder
+from octobrick.renderer.slab_filler import SlabContent
+from octobrick.renderer.slab_format import SlabFormat
 from octobrick.store.box import Box, cells_touching
 
 from .array_source import ArraySource
@@ -62,14 +64,15 @@ def decode(
     pool, slab = BrickPool(gl, budget_nbytes), SlabBuffer(context, gl)
     decoder = SlabDecoder(context, gl)
     try:
-        slab.require(CodeLayout.of(source, 0), box.shape_zyx)
+        slab.require(SlabFormat.of(source.dtype), box.shape_zyx)
         bricks = list(cells_touching(box, source.brick_shape_zyx))
-        nvoxels, _ = decoder.decode(source, pool, slab, (source.revision, 0, 0, 0, box), bricks)
-        assert nvoxels == box.nvoxels
+        content = SlabContent(source.revision, 0, 0, 0, box)
+        filled = decoder.decode(source, pool, slab, content, bricks)
+        assert filled.nvoxels == box.nvoxels
         assert pool.allocated_nbytes <= budget_nbytes
         raw = np.frombuffer(
             slab.read(),
-            {"f1": "u1", "nu2": "<u2", "f4": "<f4"}[CodeLayout.of(source, 0).slab_dtype],
+            {"f1": "u1", "nu2": "<u2", "f4": "<f4"}[SlabFormat.of(source.dtype).gl_dtype],
         )
     finally:
         pool.release()

@@ -14,6 +14,7 @@ import numpy as np
 from octobrick.codec.errors import UnsupportedError
 from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.decoded_bricks import is_drawn
+from octobrick.renderer.slab_format import SlabFormat
 from octobrick.store.box import Zyx, ceil_div
 
 TexelsXyz = tuple[int, int, int]
@@ -26,14 +27,6 @@ find out where a brick lies is then spread over 32 voxels. Measured: see docs/ad
 # Texture formats by sample type: moderngl's name of the integer (or float) texture, the prefix of
 # its sampler and the GLSL types of a voxel and a pair.
 _GL_DTYPE: Final = {"uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2", "float32": "f4"}
-# The slab's and the cell ranges' formats: normalised, so that hardware interpolates them.
-_SLAB: Final = {
-    "uint8": ("f1", "r8", "rg8"),
-    "int8": ("f1", "r8", "rg8"),
-    "uint16": ("nu2", "r16", "rg16"),
-    "int16": ("nu2", "r16", "rg16"),
-    "float32": ("f4", "r32f", "rg32f"),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +74,7 @@ class CodeLayout:
             UnsupportedError: for a sample type without a texture format.
         """
         dtype, brick = np.dtype(source.dtype), source.brick_shape_zyx
-        if dtype.name not in _GL_DTYPE:
-            raise UnsupportedError(
-                f"the renderer takes {', '.join(_GL_DTYPE)} voxels, not {dtype}; ingest the volume "
-                "with one of these types",
-                dtype=str(dtype),
-            )
+        SlabFormat.of(dtype)  # refuses types that have none
         codec = source.level_codec(level)
         if codec is None:
             return cls(dtype.name, brick, None, 0, (_part("voxels", 1, dtype, brick[::-1]),))
@@ -112,24 +100,9 @@ class CodeLayout:
         return sum(part.nbytes for part in self.parts)
 
     @property
-    def voxel_nbytes(self) -> int:
-        """Bytes of one decoded voxel in the slab."""
-        return np.dtype(self.dtype).itemsize
-
-    @property
-    def slab_dtype(self) -> str:
-        """Moderngl's dtype of the slab texture."""
-        return _SLAB[self.dtype][0]
-
-    @property
-    def slab_format(self) -> str:
-        """GLSL's image format of the slab texture."""
-        return _SLAB[self.dtype][1]
-
-    @property
-    def range_format(self) -> str:
-        """GLSL's image format of the texture of cell ranges: pairs of the slab's."""
-        return _SLAB[self.dtype][2]
+    def slab_format(self) -> SlabFormat:
+        """Of the texture that bricks are decoded into."""
+        return SlabFormat.of(np.dtype(self.dtype))
 
     @property
     def run(self) -> int:
@@ -157,7 +130,7 @@ class CodeLayout:
         """What the decode shader's names stand for."""
         is_float = self.dtype == "float32"
         values: dict[str, str | int | bool] = {
-            "IMAGE_FORMAT": self.slab_format,
+            "IMAGE_FORMAT": self.slab_format.image,
             "IS_FLOAT": is_float,
             "SAMPLER_PREFIX": _GL_DTYPE[self.dtype][0].replace("f", ""),
         }
@@ -175,7 +148,7 @@ class CodeLayout:
 
     def fill_values(self) -> dict[str, str | int | bool]:
         """What the names of the shader for absent bricks stand for."""
-        return {"IMAGE_FORMAT": self.slab_format, "RUN": self.run, "ROWS": ROWS}
+        return {"IMAGE_FORMAT": self.slab_format.image, "RUN": self.run, "ROWS": ROWS}
 
 
 def xyz_text(zyx: Zyx) -> str:

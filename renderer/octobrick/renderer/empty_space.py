@@ -13,11 +13,12 @@ import numpy as np
 
 from octobrick.renderer.cells import CellGrid
 from octobrick.renderer.classifier import TABLE_ENTRIES, Classifier
-from octobrick.renderer.code_layout import CodeLayout, xyz_text
+from octobrick.renderer.code_layout import xyz_text
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.selection import Mask
 from octobrick.renderer.slab_buffer import SlabBuffer
 from octobrick.renderer.uniforms import run_over, set_uniforms
+from octobrick.store.box import Zyx
 
 if TYPE_CHECKING:
     import moderngl
@@ -41,7 +42,7 @@ class EmptySpace:
     def find(
         self,
         slab: SlabBuffer,
-        layout: CodeLayout,
+        brick_zyx: Zyx,
         grid: CellGrid,
         sampled: Mask,
         classifier: Classifier,
@@ -55,9 +56,9 @@ class EmptySpace:
             sampled: (nz, ny, nx) bricks of the level in which samples are to be taken.
             skip: False marks every cell of a sampled brick as visible.
         """
-        ranges = self._require_ranges(slab, layout, grid)
+        ranges = self._require_ranges(slab, grid)
         near, far = self._require_emptiness(grid)
-        self._mark(ranges, near, layout, grid, sampled, classifier, skip=skip)
+        self._mark(ranges, near, brick_zyx, grid, sampled, classifier, skip=skip)
         if skip:
             program = self._context.program("distance.comp.glsl", REACH=REACH)
             for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)):
@@ -69,22 +70,21 @@ class EmptySpace:
                 near, far = far, near
         return near
 
-    def _require_ranges(
-        self, slab: SlabBuffer, layout: CodeLayout, grid: CellGrid
-    ) -> moderngl.Texture3D:
+    def _require_ranges(self, slab: SlabBuffer, grid: CellGrid) -> moderngl.Texture3D:
         """The range of voxels of each cell; computed only when the slab has changed."""
         contents = (slab.held, slab.held_bricks)
         if self._ranges is not None and self._ranges_of == contents:
             return self._ranges
         self._release_ranges()
-        ranges = self._gl.texture3d(grid.size_xyz, 2, dtype=layout.slab_dtype)
-        ranges.filter = (self._gl.NEAREST, self._gl.NEAREST)
         assert slab.texture is not None
+        assert slab.format is not None
         assert slab.held is not None
-        content = slab.held[4]
+        ranges = self._gl.texture3d(grid.size_xyz, 2, dtype=slab.format.gl_dtype)
+        ranges.filter = (self._gl.NEAREST, self._gl.NEAREST)
+        content = slab.held.box
         program = self._context.program(
             "cell_range.comp.glsl",
-            RANGE_FORMAT=layout.range_format,
+            RANGE_FORMAT=slab.format.range_image,
             CELL_XYZ=xyz_text(grid.cell_zyx),
         )
         slab.texture.use(0)
@@ -117,7 +117,7 @@ class EmptySpace:
         self,
         ranges: moderngl.Texture3D,
         emptiness: moderngl.Texture3D,
-        layout: CodeLayout,
+        brick_zyx: Zyx,
         grid: CellGrid,
         sampled: Mask,
         classifier: Classifier,
@@ -125,7 +125,7 @@ class EmptySpace:
         skip: bool,
     ) -> None:
         """0 or REACH + 1 per cell."""
-        bricks_box = grid.bricks(layout.brick_zyx)
+        bricks_box = grid.bricks(brick_zyx)
         part = sampled[bricks_box.slices]
         bricks = self._gl.texture3d(
             part.shape[::-1], 1, np.ascontiguousarray(part, np.uint8).tobytes(), dtype="u1"
@@ -134,7 +134,7 @@ class EmptySpace:
         program = self._context.program(
             "emptiness.comp.glsl",
             CELL_XYZ=xyz_text(grid.cell_zyx),
-            BRICK_XYZ=xyz_text(layout.brick_zyx),
+            BRICK_XYZ=xyz_text(brick_zyx),
             ENTRIES=TABLE_ENTRIES,
             REACH=REACH,
         )

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from octobrick.codec.errors import InvalidInputError
-from octobrick.renderer.brick_pool import BrickPool
 from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.budget import parse_nbytes
 from octobrick.renderer.camera import Camera
@@ -26,6 +25,7 @@ from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.decoded_bricks import drawable
 from octobrick.renderer.empty_space import EmptySpace
 from octobrick.renderer.errors import PictureTooLargeError
+from octobrick.renderer.gpu_filler import GpuFiller
 from octobrick.renderer.image import (
     Background,
     Fidelity,
@@ -44,7 +44,8 @@ from octobrick.renderer.selection import (
     select_bricks,
 )
 from octobrick.renderer.slab_buffer import SlabBuffer
-from octobrick.renderer.slab_decoder import SlabDecoder
+from octobrick.renderer.slab_filler import Filled, SlabContent, SlabFiller
+from octobrick.renderer.slab_format import SlabFormat
 from octobrick.renderer.slabs import Slab, SlabPlan, plan_slabs
 from octobrick.renderer.transfer_function import TransferFunction
 from octobrick.renderer.view import Size, View, checked_size, make_view
@@ -123,9 +124,8 @@ class Renderer:
         self._context = GraphicsContext()
         self._brick_nbytes = total - self._slab_nbytes
         with self._context.current() as gl:
-            self._pool = BrickPool(gl, self._brick_nbytes)
+            self._filler: SlabFiller = GpuFiller(self._context, gl, self._brick_nbytes)
             self._slab = SlabBuffer(self._context, gl)
-            self._decoder = SlabDecoder(self._context, gl)
             self._empty_space = EmptySpace(self._context, gl)
             self._raycaster = Raycaster(self._context, gl)
 
@@ -142,7 +142,7 @@ class Renderer:
     def forget_bricks(self) -> None:
         """Free the GPU memory of all bricks and of the slab; the next picture loads its own."""
         with self._context.current():
-            self._pool.release()
+            self._filler.forget()
             self._slab.release_texture()
             self._empty_space.forget()
 
@@ -209,23 +209,22 @@ class Renderer:
         with clock.measure("select", on_gpu=False):
             wanted = finest_useful_level(request.volume, request.camera, request.size)
             plan = self._choose(request, wanted)
-        uploaded_before = self._pool.uploaded_nbytes
-        bricks = dict(plan.selection.counts) | {"decoded": 0, "absent": 0}
-        nslabs = nvoxels = 0
+        uploaded_before = self._filler.uploaded_nbytes
+        filled, nslabs = Filled(), 0
         width, height = request.size
         premultiplied = np.zeros((height, width, 4), np.float32)
         if plan.slabs is not None:
-            nslabs, nvoxels = self._cast_slabs(request, plan, plan.slabs, clock, bricks)
+            nslabs = self._cast_slabs(request, plan, plan.slabs, clock, filled)
             premultiplied = self._raycaster.picture()
-        layout = CodeLayout.of(request.volume, plan.level)
+        voxel_nbytes = SlabFormat.of(request.volume.dtype).voxel_nbytes
         stats = RenderStats(
             level=plan.level,
-            bricks=bricks,
+            bricks=plan.selection.counts | {"decoded": filled.nbricks, "absent": filled.nabsent},
             slabs=nslabs,
             slabs_planned=len(plan.slabs.slabs) if plan.slabs else 0,
-            uploaded_nbytes=self._pool.uploaded_nbytes - uploaded_before,
-            resident_nbytes=self._pool.resident_nbytes,
-            decoded_nbytes=nvoxels * layout.voxel_nbytes,
+            uploaded_nbytes=self._filler.uploaded_nbytes - uploaded_before,
+            resident_nbytes=self._filler.resident_nbytes,
+            decoded_nbytes=filled.nvoxels * voxel_nbytes,
             slab_nbytes=self._slab.nbytes,
             step_world=plan.step_world,
             reference_length_world=plan.reference_length_world,
@@ -291,7 +290,7 @@ class Renderer:
             request.volume.brick_shape_zyx,
             2 - axis_xyz,
             eye,
-            nvoxels_max=self._slab_nbytes // CodeLayout.of(request.volume, level).voxel_nbytes,
+            nvoxels_max=self._slab_nbytes // SlabFormat.of(request.volume.dtype).voxel_nbytes,
             side_max=self._context.volume_side_max,
         )
         if plan is None:
@@ -312,9 +311,9 @@ class Renderer:
         plan: _Plan,
         slabs: SlabPlan,
         clock: PassClock,
-        bricks: dict[str, int],
-    ) -> tuple[int, int]:
-        """Run the passes; how many slabs were cast and how many voxels decoded."""
+        filled: Filled,
+    ) -> int:
+        """Run the passes; how many slabs were cast. What filling them took is added to `filled`."""
         geometry = request.volume.levels[plan.level]
         self._raycaster.begin(
             Frame(
@@ -327,17 +326,18 @@ class Renderer:
                 request.lighting,
             )
         )
-        ndone = nvoxels = 0
+        ndone = 0
         for slab in slabs.slabs:
             bricks_box = bricks_of(slab.content, request.volume.brick_shape_zyx)
             if not plan.selection.sampled[bricks_box.slices].any():
                 continue
-            nvoxels += self._fill(request, plan, slabs, slab, clock, bricks)
+            with clock.measure("decode"):
+                filled.add(self._fill(request, plan, slabs, slab))
             grid = CellGrid.of(request.volume.brick_shape_zyx, slab.content)
             with clock.measure("empty space"):
                 emptiness = self._empty_space.find(
                     self._slab,
-                    CodeLayout.of(request.volume, plan.level),
+                    request.volume.brick_shape_zyx,
                     grid,
                     plan.selection.sampled,
                     plan.classifier,
@@ -348,29 +348,17 @@ class Renderer:
             ndone += 1
             if slab is not slabs.slabs[-1] and not self._raycaster.rays_unfinished():
                 break
-        return ndone, nvoxels
+        return ndone
 
-    def _fill(
-        self,
-        request: _Request,
-        plan: _Plan,
-        slabs: SlabPlan,
-        slab: Slab,
-        clock: PassClock,
-        bricks: dict[str, int],
-    ) -> int:
-        """Decode a slab; how many voxels that took."""
+    def _fill(self, request: _Request, plan: _Plan, slabs: SlabPlan, slab: Slab) -> Filled:
+        """Decode a slab."""
         volume = request.volume
         bricks_box = bricks_of(slab.content, volume.brick_shape_zyx)
         found = np.argwhere(plan.selection.needed[bricks_box.slices]) + bricks_box.start_zyx
         needed: list[Zyx] = [(z, y, x) for z, y, x in found.tolist()]
-        key = (volume.revision, plan.level, request.t, request.c, slab.content)
-        with clock.measure("decode"):
-            self._slab.require(CodeLayout.of(volume, plan.level), slabs.buffer_zyx)
-            nvoxels, nabsent = self._decoder.decode(volume, self._pool, self._slab, key, needed)
-        bricks["decoded"] += len(needed) if nvoxels else 0
-        bricks["absent"] += nabsent
-        return nvoxels
+        content = SlabContent(volume.revision, plan.level, request.t, request.c, slab.content)
+        self._slab.require(SlabFormat.of(volume.dtype), slabs.buffer_zyx)
+        return self._filler.fill(volume, self._slab, content, needed)
 
 
 def _fidelity(request: _Request, plan: _Plan, wanted: int) -> Fidelity:

@@ -13,7 +13,8 @@ from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.classifier import ValueScale
 from octobrick.renderer.code_layout import ROWS, CodeLayout
 from octobrick.renderer.context import GraphicsContext
-from octobrick.renderer.slab_buffer import PARTS_BUFFER, SLAB_IMAGE, SlabBuffer, SlabKey
+from octobrick.renderer.slab_buffer import PARTS_BUFFER, SLAB_IMAGE, SlabBuffer
+from octobrick.renderer.slab_filler import Filled, SlabContent
 from octobrick.renderer.uniforms import run_over, set_uniforms
 from octobrick.store.box import Box, Zyx, cell_box
 
@@ -40,38 +41,27 @@ class SlabDecoder:
         source: BrickSource,
         pool: BrickPool,
         slab: SlabBuffer,
-        key: SlabKey,
+        content: SlabContent,
         bricks: Sequence[Zyx],
-    ) -> tuple[int, int]:
-        """Make the slab hold the voxels of the key's box that lie in these bricks.
+    ) -> Filled:
+        """Make the slab hold the voxels of the content's box that lie in these bricks.
 
         What the slab holds elsewhere is left as it was.
-
-        Args:
-            key: (revision, level, t, c, box); a slab that already has them all is left alone.
-
-        Returns:
-            how many voxels were decoded, and how many of the bricks are absent.
         """
-        if slab.held == key and slab.held_bricks.issuperset(bricks):
-            return 0, 0
-        _, level, t, c, content = key
-        slab.held = None
-        nvoxels = nabsent = 0
-        for batch in pool.batches(source, level, t, c, bricks):
+        filled, box = Filled(nbricks=len(bricks)), content.box
+        for batch in pool.batches(source, content.level, content.t, content.c, bricks):
             groups: dict[tuple[Page | None, Zyx], list[tuple[Resident, Box]]] = defaultdict(list)
             for brick in batch:
-                part = cell_box(brick.brick_zyx, source.brick_shape_zyx).intersect(content)
+                part = cell_box(brick.brick_zyx, source.brick_shape_zyx).intersect(box)
                 groups[brick.page, part.shape_zyx].append((brick, part))
-                nvoxels += part.nvoxels
-                nabsent += brick.page is None
+                filled.nvoxels += part.nvoxels
+                filled.nabsent += brick.page is None
             for (page, _), members in groups.items():
                 n = min(PARTS_MAX, WORKGROUPS_MAX // members[0][1].shape_zyx[0])
                 for i in range(0, len(members), n):
-                    self._dispatch(source, slab, content, page, members[i : i + n])
+                    self._dispatch(source, slab, box, page, members[i : i + n])
         self._gl.memory_barrier()
-        slab.held, slab.held_bricks = key, frozenset(bricks)
-        return nvoxels, nabsent
+        return filled
 
     def _dispatch(
         self,

@@ -1,0 +1,89 @@
+"""What fills slabs with voxels: one promise, kept by the GPU and, where it is faster, by the CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from octobrick.renderer.brick_source import BrickSource
+from octobrick.store.box import Box, Zyx
+
+if TYPE_CHECKING:
+    from octobrick.renderer.slab_buffer import SlabBuffer
+
+
+@dataclass(frozen=True, slots=True)
+class SlabContent:
+    """Which voxels a slab buffer is to hold.
+
+    Attributes:
+        revision: of the volume.
+        level: of the pyramid.
+        t: time step.
+        c: channel.
+        box: voxels of the level, margins included.
+        deblocking: strength of the deblocking filter; None leaves voxels as they are decoded.
+    """
+
+    revision: str
+    level: int
+    t: int
+    c: int
+    box: Box
+    deblocking: float | None = None
+
+
+@dataclass(slots=True)
+class Filled:
+    """What filling a slab took; adds up over slabs.
+
+    Attributes:
+        nvoxels: decoded; 0 where the slab still held them.
+        nbricks: decoded.
+        nabsent: of them, bricks that have no bytes: all of their voxels have the fill value.
+        nsubstituted: bricks that are not there yet, shown by coarser ones meanwhile.
+    """
+
+    nvoxels: int = 0
+    nbricks: int = 0
+    nabsent: int = 0
+    nsubstituted: int = 0
+
+    def add(self, other: Filled) -> None:
+        """Count another slab's too."""
+        self.nvoxels += other.nvoxels
+        self.nbricks += other.nbricks
+        self.nabsent += other.nabsent
+        self.nsubstituted += other.nsubstituted
+
+
+class SlabFiller(Protocol):
+    """Keeps bricks compressed under a byte budget and decodes them into slab buffers."""
+
+    def fill(
+        self, source: BrickSource, slab: SlabBuffer, content: SlabContent, bricks: Sequence[Zyx]
+    ) -> Filled:
+        """Make the slab hold the content's voxels that lie in these bricks.
+
+        What it holds elsewhere has no meaning. A slab that has all of them already is left alone.
+
+        Raises:
+            CorruptBrickError: a brick is damaged.
+            ResourceError: the budget does not hold a single brick.
+        """
+
+    @property
+    def uploaded_nbytes(self) -> int:
+        """Bytes taken in from volumes since the filler was made."""
+
+    @property
+    def resident_nbytes(self) -> int:
+        """Bytes of compressed bricks that are held, without empty slots."""
+
+    @property
+    def allocated_nbytes(self) -> int:
+        """Memory taken, never above the budget."""
+
+    def forget(self) -> None:
+        """Let go of all bricks."""
