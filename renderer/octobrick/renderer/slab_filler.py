@@ -1,4 +1,4 @@
-"""What fills slabs with voxels: one promise, kept by the GPU and, where it is faster, by the CPU."""
+"""What fills slabs with voxels: one promise that the GPU keeps and, where it is faster, the CPU."""
 
 from __future__ import annotations
 
