@@ -55,7 +55,8 @@ class ArraySource:
         self.window = window or self._default_window()
         self.fill_value = fill_value
         digest = hashlib.blake2b(self.arrays[0].tobytes(), digest_size=8)
-        self.revision = f"{digest.hexdigest()} {self.dtype} {codec} {self.brick_shape_zyx}"
+        what = f"{array.shape} {self.dtype} {codec} {self.brick_shape_zyx} {fill_value}"
+        self.revision = f"{digest.hexdigest()} {what}"
         self.reads = 0
         # Kept, so that a picture's time is the renderer's.
         self.decoded = cache(self._decode_level)

@@ -8,14 +8,15 @@ from hypothesis import strategies as st
 from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError
 from octobrick.renderer import Camera, TransferFunction
+from octobrick.renderer.brick_ranges import brick_ranges
 from octobrick.renderer.classifier import Classifier, ValueScale
 from octobrick.renderer.selection import (
-    SAMPLE_MARGIN,
+    Selection,
     checked_level,
     finest_useful_level,
     select_bricks,
 )
-from octobrick.renderer.view import checked_size, make_view
+from octobrick.renderer.view import View, checked_size, make_view
 from octobrick.store.box import Box
 
 from .array_source import ArraySource
@@ -26,6 +27,11 @@ WHITE = ((0.0, (1.0, 1.0, 1.0)),)
 def classifier(source: ArraySource, *opacities: tuple[float, float]) -> Classifier:
     function = TransferFunction(WHITE, opacities, "value")
     return Classifier(function, ValueScale.of(source.dtype, source.value_range), (0, 255), 1.0)
+
+
+def select(source: ArraySource, level: int, view: View, shown: Classifier) -> Selection:
+    ranges = [(brick_ranges(source, level, 0, 0), shown.visible)]
+    return select_bricks(source.levels[level], source.brick_shape_zyx, view, ranges)
 
 
 def sparse() -> ArraySource:
@@ -39,15 +45,16 @@ def test_counts_of_all_reasons_add_up_to_the_total() -> None:
     camera = Camera.orbit(source, 30, 20).zoomed(6)
     view = make_view(camera, (64, 64), source.levels[0])
     for opacities in (((0.0, 0.0), (255.0, 1.0)), ((0.0, 0.5), (255.0, 0.5)), ((0.0, 0.0),)):
-        counts = select_bricks(source, 0, view, classifier(source, *opacities)).counts
+        counts = select(source, 0, view, classifier(source, *opacities)).counts
         assert counts["total"] == 5 * 4 * 6
-        assert counts["total"] == counts["frustum"] + counts["transparent"] + counts["sampled"]
+        reasons = ("frustum", "clipped", "transparent", "sampled")
+        assert counts["total"] == sum(counts[reason] for reason in reasons)
 
 
 def test_only_bricks_whose_range_is_visible_are_sampled_and_neighbours_needed() -> None:
     source = sparse()
     view = make_view(Camera.orbit(source), (64, 64), source.levels[0])
-    selection = select_bricks(source, 0, view, classifier(source, (100.0, 0.0), (101.0, 1.0)))
+    selection = select(source, 0, view, classifier(source, (100.0, 0.0), (101.0, 1.0)))
     assert np.argwhere(selection.sampled).tolist() == [[2, 1, 2]]
     assert np.argwhere(selection.needed).min(axis=0).tolist() == [1, 0, 1]
     assert np.argwhere(selection.needed).max(axis=0).tolist() == [3, 2, 3]
@@ -58,14 +65,14 @@ def test_only_bricks_whose_range_is_visible_are_sampled_and_neighbours_needed() 
 def test_box_is_clipped_to_the_level() -> None:
     source = sparse()
     view = make_view(Camera.orbit(source), (64, 64), source.levels[0])
-    selection = select_bricks(source, 0, view, classifier(source, (0.0, 1.0)))
+    selection = select(source, 0, view, classifier(source, (0.0, 1.0)))
     assert selection.box == Box.of_shape((70, 60, 90))
 
 
 def test_nothing_visible_selects_nothing() -> None:
     source = sparse()
     view = make_view(Camera.orbit(source), (64, 64), source.levels[0])
-    selection = select_bricks(source, 0, view, classifier(source, (0.0, 0.0)))
+    selection = select(source, 0, view, classifier(source, (0.0, 0.0)))
     assert not selection.sampled.any()
     assert not selection.needed.any()
     assert selection.box.nvoxels == 0
@@ -79,7 +86,7 @@ def test_lossy_neighbours_widen_a_bricks_range() -> None:
     assert source.ranges(0)[0, 0, 0].tolist() == [0, 0]
     assert source.fidelity(0)[0, 0, 1, 0] > 100
     view = make_view(Camera.orbit(source), (64, 64), source.levels[0])
-    selection = select_bricks(source, 0, view, classifier(source, (50.0, 0.0), (51.0, 1.0)))
+    selection = select(source, 0, view, classifier(source, (50.0, 0.0), (51.0, 1.0)))
     assert selection.sampled.all()
 
 
@@ -98,7 +105,7 @@ def test_every_sample_in_view_lies_in_a_brick_in_view(
         camera = camera.orthographic()
     level = source.levels[0]
     view = make_view(camera, size, level)
-    sampled = select_bricks(source, 0, view, classifier(source, (0.0, 1.0))).sampled
+    sampled = select(source, 0, view, classifier(source, (0.0, 1.0))).sampled
     rng = np.random.default_rng(1)
     columns, rows = rng.uniform(0, size[0], 200), rng.uniform(0, size[1], 200)
     shape_xyz = np.array(level.shape_zyx[::-1])
@@ -149,7 +156,3 @@ def test_pictures_beyond_the_driver_are_refused_with_its_limit() -> None:
     with pytest.raises(InvalidInputError, match="16384 pixels a side") as caught:
         checked_size((20000, 5), 16384)
     assert caught.value.facts == {"size": [20000, 5], "limit": 16384}
-
-
-def test_margin_covers_interpolation_and_differences() -> None:
-    assert SAMPLE_MARGIN == 2

@@ -7,12 +7,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from octobrick.renderer.cells import CELL_MAX, CellGrid, cell_shape
-from octobrick.renderer.selection import SAMPLE_MARGIN
 from octobrick.renderer.slabs import SlabPlan, plan_slabs, power_of_two
 from octobrick.store.box import Box, Zyx
 
+SAMPLE_MARGIN = 2
+
 sides = st.integers(1, 300)
 shapes = st.tuples(sides, sides, sides)
+
+
+def cut(box: Box, shape: Zyx, brick: Zyx, axis: int, eye: float, **limits: int) -> SlabPlan | None:
+    """Slabs in a buffer of at most `nvoxels_max`, with sides of at most `side_max`."""
+    nvoxels = limits["nvoxels_max"]
+    return plan_slabs(
+        box,
+        shape,
+        brick,
+        axis,
+        eye,
+        margin=SAMPLE_MARGIN,
+        fits=lambda side_zyx: math.prod(side_zyx) <= nvoxels,
+        side_max=limits["side_max"],
+    )
 
 
 @st.composite
@@ -34,7 +50,7 @@ def test_slabs_partition_the_axis_and_fit_their_buffer(
     where: tuple[Box, Zyx], axis: int, eye: float, nvoxels_max: int
 ) -> None:
     box, shape = where
-    plan = plan_slabs(box, shape, (16,) * 3, axis, eye, nvoxels_max=nvoxels_max, side_max=2048)
+    plan = cut(box, shape, (16,) * 3, axis, eye, nvoxels_max=nvoxels_max, side_max=2048)
     if plan is None:
         grown = box.grow(SAMPLE_MARGIN).intersect(Box.of_shape(shape)).shape_zyx
         across = math.prod(power_of_two(n) for a, n in enumerate(grown) if a != axis)
@@ -67,7 +83,7 @@ def order(plan: SlabPlan | None) -> list[tuple[float, float]]:
 def test_every_ray_meets_slabs_in_order(where: tuple[Box, Zyx], axis: int, eye: float) -> None:
     box, shape = where
     across = math.prod(power_of_two(n + 4) for a, n in enumerate(shape) if a != axis)
-    plan = plan_slabs(
+    plan = cut(
         box, shape, (16,) * 3, axis, eye, nvoxels_max=across * 32, side_max=2048
     )  # fmt: skip
     met = order(plan)
@@ -81,22 +97,22 @@ def test_every_ray_meets_slabs_in_order(where: tuple[Box, Zyx], axis: int, eye: 
 def test_one_slab_where_all_fits_and_thin_ones_where_little_does() -> None:
     box = Box((0, 0, 0), (64, 60, 60))
 
-    def cut(nvoxels: int) -> SlabPlan | None:
-        return plan_slabs(box, (64, 60, 60), (16,) * 3, 0, -9.0, nvoxels_max=nvoxels, side_max=2048)
+    def cubes(nvoxels: int) -> SlabPlan | None:
+        return cut(box, (64, 60, 60), (16,) * 3, 0, -9.0, nvoxels_max=nvoxels, side_max=2048)
 
-    assert order(cut(64**3)) == [(-math.inf, math.inf)]
-    assert order(cut(64**3 // 2)) == [(-math.inf, 24), (24, 48), (48, math.inf)]
-    assert len(order(cut(64 * 64 * 16))) == 8
-    assert len(order(cut(64 * 64 * 8))) == 16  # thinner than a cell
-    assert cut(64 * 64 * 4) is None
-    assert cut(64 * 64 - 1) is None
+    assert order(cubes(64**3)) == [(-math.inf, math.inf)]
+    assert order(cubes(64**3 // 2)) == [(-math.inf, 24), (24, 48), (48, math.inf)]
+    assert len(order(cubes(64 * 64 * 16))) == 8
+    assert len(order(cubes(64 * 64 * 8))) == 16  # thinner than a cell
+    assert cubes(64 * 64 * 4) is None
+    assert cubes(64 * 64 - 1) is None
 
 
 def test_sides_beyond_the_driver_do_not_fit() -> None:
     box = Box((0, 0, 0), (64, 60, 200))
     arguments = (box, (64, 60, 200), (16,) * 3)
-    assert plan_slabs(*arguments, 0, -9.0, nvoxels_max=1 << 30, side_max=128) is None
-    plan = plan_slabs(*arguments, 2, -9.0, nvoxels_max=1 << 30, side_max=128)
+    assert cut(*arguments, 0, -9.0, nvoxels_max=1 << 30, side_max=128) is None
+    plan = cut(*arguments, 2, -9.0, nvoxels_max=1 << 30, side_max=128)
     assert len(order(plan)) == 2
 
 

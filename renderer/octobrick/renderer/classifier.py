@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec.errors import InvalidInputError, UnsupportedError
+from octobrick.renderer.modes import COMPOSITING, Isosurface, Mode, Projection, Slice
 from octobrick.renderer.transfer_function import LARGEST, TransferFunction
 
 TABLE_ENTRIES: Final = 4096
@@ -68,6 +69,7 @@ class Classifier:
         scale: of the stored voxels.
         window: values at relative positions 0 and 1.
         step_ratio: length of a ray step in reference lengths, d/d0.
+        mode: what rays make of their samples, which decides what of the function counts.
     """
 
     def __init__(
@@ -76,8 +78,11 @@ class Classifier:
         scale: ValueScale,
         window: tuple[float, float],
         step_ratio: float,
+        mode: Mode = COMPOSITING,
     ) -> None:
-        self.table = function.table(TABLE_ENTRIES, step_ratio)
+        self.table = _table(function, step_ratio, mode)
+        self.scale, self.window = scale, window
+        self.mode = mode
         self._low, self._high = function.value_domain(window)
         largest = max(abs(scale.lowest), abs(scale.highest), abs(self._low), 1e-30)
         domain_width = max(self._high - self._low, NARROWEST * largest)
@@ -95,21 +100,71 @@ class Classifier:
         """True where nothing can be seen, whatever the values."""
         return int(self.opaque_before[-1]) == 0
 
+    @property
+    def everything_counts(self) -> bool:
+        """Whether every sample matters, whatever its value: for means, and planes of a slice."""
+        return isinstance(self.mode, Slice) or self._statistic == "mean"
+
+    @property
+    def _statistic(self) -> str | None:
+        return self.mode.statistic if isinstance(self.mode, Projection) else None
+
+    @property
+    def widened(self) -> tuple[bool, bool]:
+        """Whether a range counts as if it reached to the least, and to the greatest value.
+
+        A greatest value matters if it, or any less, is visible: else another is the greatest, or
+        what is found is transparent. Likewise for the least.
+        """
+        return self._statistic == "max", self._statistic == "min"
+
+    @property
+    def surface_stored(self) -> tuple[float, float] | None:
+        """Stored values around that of an isosurface, as far as float32 can be off; else None."""
+        if not isinstance(self.mode, Isosurface):
+            return None
+        value = self.scale.to_stored(self.mode.value)
+        slack = FLOAT32_SLACK * max(abs(value), 1.0)
+        return value - slack, value + slack
+
     def visible(self, low: NDArray[Any], high: NDArray[Any]) -> NDArray[np.bool_]:
-        """Whether any value in [low, high] can have an opacity above 0. Never misses one.
+        """Whether any value in [low, high] can be seen. Never misses one.
 
         The shader interpolates between table entries, so a range touches every entry from the one
         below its low end to the one above its high end.
         """
+        if self.everything_counts:
+            return np.full(np.shape(low), not self.empty)
+        if self.surface_stored is not None:
+            least, greatest = (
+                self.scale.lowest + stored * self.scale.width for stored in self.surface_stored
+            )
+            return np.asarray((low <= greatest) & (high >= least))
+        from_least, to_greatest = self.widened
         first_entry = np.floor(self._entry(low) - self.entry_margin)
         last_entry = np.ceil(self._entry(high) + self.entry_margin)
         first = np.clip(first_entry, 0, TABLE_ENTRIES - 1).astype(np.intp)
         beyond = np.clip(last_entry, 0, TABLE_ENTRIES - 1).astype(np.intp) + 1
+        if from_least:
+            first = np.zeros_like(first)
+        if to_greatest:
+            beyond = np.full_like(beyond, TABLE_ENTRIES)
         return np.asarray(self.opaque_before[beyond] > self.opaque_before[first])
 
     def _entry(self, value: NDArray[Any]) -> NDArray[np.float64]:
         """The position in the table of a value, not clipped."""
         return (np.asarray(value, np.float64) - self._low) * self._entries_per_value
+
+
+def _table(function: TransferFunction, step_ratio: float, mode: Mode) -> NDArray[np.float32]:
+    """Premultiplied colour by entry: of a step, of the whole ray, or of a surface."""
+    if isinstance(mode, Projection):
+        return function.table(TABLE_ENTRIES)
+    if isinstance(mode, Isosurface):
+        return function.table(TABLE_ENTRIES, opacity=mode.opacity)
+    if isinstance(mode, Slice):
+        return function.table(TABLE_ENTRIES, opacity=1.0)
+    return function.table(TABLE_ENTRIES, step_ratio)
 
 
 def checked_window(

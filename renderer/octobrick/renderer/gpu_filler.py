@@ -10,7 +10,7 @@ from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.slab_buffer import SlabBuffer
 from octobrick.renderer.slab_decoder import SlabDecoder
-from octobrick.renderer.slab_filler import Filled, SlabContent
+from octobrick.renderer.slab_filler import DirectionSource, Filled, SlabContent
 from octobrick.store.box import Zyx
 
 if TYPE_CHECKING:
@@ -40,6 +40,16 @@ class GpuFiller:
         filled = self._decoder.decode(source, self._pool, slab, content, bricks)
         slab.held, slab.held_bricks = content, frozenset(bricks)
         return filled
+
+    def fill_directions(
+        self,
+        gradients: DirectionSource,
+        slab: SlabBuffer,
+        content: SlabContent,
+        bricks: Sequence[Zyx],
+    ) -> Filled:
+        """Decode the bricks' directions into the slab."""
+        raise NotImplementedError
 
     @property
     def uploaded_nbytes(self) -> int:

@@ -46,8 +46,10 @@ class RenderStats:
     Attributes:
         level: that was shown.
         bricks: of the level, by what became of them: "total" is the sum of "frustum" (out of
-            view), "transparent" and "sampled"; "decoded" counts the sampled and their neighbours,
-            once for each slab that they are in; "absent" those that had no bytes.
+            view), "clipped", "transparent", "occluded" (behind what is opaque) and "sampled";
+            "decoded" counts the sampled and their neighbours, once for each slab and channel that
+            they are in; "absent" those that had no bytes; "substituted" those shown by coarser
+            ones.
         slabs: decoded and ray-cast; fewer than planned where all rays ended early.
         slabs_planned: into which the view was cut.
         uploaded_nbytes: compressed bytes sent to the GPU for this picture.
@@ -89,12 +91,16 @@ class RenderedImage:
         premultiplied: (height, width, 4) float32, what the rays gathered, without the background.
         fidelity: how true it is.
         stats: what it cost.
+        depth: (height, width) float32, world distance from the eye's plane to where the ray's
+            opacity passes one half, or to what a projection or slice shows; inf where nothing is.
+            None where it was not asked for.
     """
 
     rgba: NDArray[np.uint8]
     premultiplied: NDArray[np.float32]
     fidelity: Fidelity
     stats: RenderStats
+    depth: NDArray[np.float32] | None = None
 
     def png(self) -> bytes:
         """The picture as PNG: RGBA, or RGB where every pixel is opaque.

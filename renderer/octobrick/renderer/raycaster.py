@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.renderer.cells import CellGrid
-from octobrick.renderer.classifier import TABLE_ENTRIES, Classifier
+from octobrick.renderer.classifier import TABLE_ENTRIES
+from octobrick.renderer.clip import PLANES_MAX, planes_in_voxels
 from octobrick.renderer.code_layout import xyz_text
 from octobrick.renderer.context import GraphicsContext
+from octobrick.renderer.frame_plan import FramePlan
 from octobrick.renderer.lighting import Lighting
+from octobrick.renderer.modes import Isosurface, Projection, Slice
+from octobrick.renderer.render_request import RenderRequest
 from octobrick.renderer.slab_buffer import SlabBuffer
 from octobrick.renderer.slabs import Slab
-from octobrick.renderer.uniforms import set_uniforms
-from octobrick.renderer.view import View
-from octobrick.store.box import Box, Zyx
+from octobrick.renderer.uniforms import run_over, set_uniforms
+from octobrick.store.box import Zyx
 
 if TYPE_CHECKING:
     import moderngl
@@ -31,105 +35,138 @@ no sample; what lies between is empty by its brick and costs nothing."""
 FAR_VOXELS = 1e30
 """Stands for a plane at infinity, with which the shader's arithmetic stays finite."""
 
+# What the shaders call the ways to march along a ray, and to find gradients.
+_MARCHES: Final = {"dvr": 0, "mip": 1, "minip": 1, "average": 1, "isosurface": 2, "slice": 3}
+_STATISTICS: Final = {"max": 0, "min": 1, "mean": 2}
+# What a statistic is before the first sample; stored values lie in 0..1.
+_BEFORE: Final = {"max": -1.0, "min": 2.0, "mean": 0.0}
+_NO_GRADIENTS, _DIFFERENCES, _STORED_DIRECTIONS = 0, 1, 2
+
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """What all slabs of a picture share.
+class SlabTextures:
+    """What a slab is sampled from.
 
     Attributes:
-        view: the rays.
-        shape_zyx: voxels of the level.
-        spacing_xyz: world units per voxel.
-        step_world: distance between samples.
-        box: holds all samples that can be visible.
-        classifier: values to colours.
-        lighting: None for unshaded.
+        voxels: of each channel.
+        directions: of each channel; empty where gradients are found on the fly.
+        ranges: of each channel's cells.
+        emptiness: of the cells.
+        grid: of the cells.
     """
 
-    view: View
-    shape_zyx: Zyx
-    spacing_xyz: tuple[float, float, float]
-    step_world: float
-    box: Box
-    classifier: Classifier
-    lighting: Lighting | None
+    voxels: Sequence[SlabBuffer]
+    directions: Sequence[SlabBuffer]
+    ranges: Sequence[moderngl.Texture3D]
+    emptiness: moderngl.Texture3D
+    grid: CellGrid
 
 
 class Raycaster:
-    """Owns the picture that is being gathered, premultiplied RGBA in float32."""
+    """Owns the picture that is being gathered, premultiplied RGBA in float32, and its depth."""
 
     def __init__(self, context: GraphicsContext, gl: moderngl.Context) -> None:
         self._context = context
         self._gl = gl
         self._picture: moderngl.Texture | None = None
-        self._transfer = gl.texture((TABLE_ENTRIES, 1), 4, dtype="f4")
-        self._transfer.filter = (gl.LINEAR, gl.LINEAR)
-        self._transfer.repeat_x = self._transfer.repeat_y = False
-        self._progress = gl.buffer(reserve=4)
-        self._frame: Frame | None = None
+        self._depth: moderngl.Texture | None = None
+        self._transfer: moderngl.Texture | None = None
+        self._progress: moderngl.Buffer | None = None
+        self._frame: tuple[RenderRequest, FramePlan] | None = None
 
-    def begin(self, frame: Frame) -> None:
+    def begin(self, request: RenderRequest, plan: FramePlan) -> None:
         """Start a picture: nothing gathered yet."""
-        size = frame.view.size
-        if self._picture is None or self._picture.size != size:
-            if self._picture is not None:
-                self._picture.release()
-            self._picture = self._gl.texture(size, 4, dtype="f4")
-        width, height = size
-        self._picture.write(bytes(16 * width * height))
-        self._transfer.write(frame.classifier.table.tobytes())
-        self._frame = frame
+        width, height = request.size
+        self._picture = self._require(self._picture, request.size, 4)
+        start = np.zeros(4, np.float32)
+        if isinstance(request.mode, Projection):
+            start[:] = _BEFORE[request.mode.statistic]
+        self._picture.write(np.broadcast_to(start, (height, width, 4)).tobytes())
+        if request.depth:
+            self._depth = self._require(self._depth, request.size, 1)
+            self._depth.write(np.full((height, width), np.inf, np.float32).tobytes())
+        tables = np.stack([classifier.table for classifier in plan.classifiers])
+        size = (TABLE_ENTRIES, len(tables))
+        if self._transfer is None or self._transfer.size != size:
+            if self._transfer is not None:
+                self._transfer.release()
+            self._transfer = self._gl.texture(size, 4, dtype="f4")
+            self._transfer.filter = (self._gl.LINEAR, self._gl.LINEAR)
+            self._transfer.repeat_x = self._transfer.repeat_y = False
+        self._transfer.write(tables.tobytes())
+        ntiles = 4 * math.prod(self._tiles_wh(request))
+        if self._progress is None or self._progress.size != ntiles:
+            if self._progress is not None:
+                self._progress.release()
+            self._progress = self._gl.buffer(reserve=ntiles)
+        self._frame = (request, plan)
 
-    def cast(
-        self,
-        slab: Slab,
-        axis_zyx: int,
-        buffer: SlabBuffer,
-        grid: CellGrid,
-        emptiness: moderngl.Texture3D,
-    ) -> None:
+    def cast(self, slab: Slab, axis_zyx: int, textures: SlabTextures) -> None:
         """Add what the rays meet in one slab. Call in the order of the plan."""
-        frame = self._frame
-        assert frame is not None
-        assert buffer.texture is not None
+        assert self._frame is not None
         assert self._picture is not None
-        program = self._context.program(
-            "raycast.comp.glsl",
-            SHADED=frame.lighting is not None,
-            CELL_XYZ=xyz_text(grid.cell_zyx),
-            ENTRIES=TABLE_ENTRIES,
-        )
-        buffer.texture.use(0)
-        buffer.sampler.use(0)
-        emptiness.use(1)
-        self._transfer.use(2)
+        assert self._progress is not None
+        request, plan = self._frame
+        program = self._context.program("raycast.comp.glsl", **_variant(request, textures))
         set_uniforms(
             program,
             {
-                "slab": 0,
-                "emptiness": 1,
-                "transfer": 2,
                 "slab_axis": 2 - axis_zyx,
                 "slab_low_voxel": _finite(slab.low),
                 "slab_high_voxel": _finite(slab.high),
-                "cell_origin": grid.origin_xyz,
-                **_ray_uniforms(frame),
-                **_slab_uniforms(slab, buffer),
-                **_shading_uniforms(frame),
+                "cell_origin": textures.grid.origin_xyz,
+                **self._bind(textures),
+                **_ray_uniforms(request, plan),
+                **_slab_uniforms(slab, textures.voxels[0]),
+                **_color_uniforms(request, plan),
+                **_shading_uniforms(request, plan),
             },
+            some_unused=True,
         )
-        self._progress.write(bytes(4))
+        self._progress.write(bytes(self._progress.size))
         self._progress.bind_to_storage_buffer(0)
         self._picture.bind_to_image(0, read=True, write=True)
-        width, height = frame.view.size
-        program.run(-(-width // TILE), -(-height // TILE))
+        if request.depth:
+            assert self._depth is not None
+            self._depth.bind_to_image(1, read=False, write=True)
+        program.run(*self._tiles_wh(request))
         self._gl.memory_barrier()
-        # The decoders read the slab texture without this sampler's filter.
-        buffer.sampler.clear(0)
+        # The decoders read these textures without the sampler's filter.
+        for unit, buffer in enumerate((*textures.voxels, *textures.directions)):
+            buffer.sampler.clear(unit)
 
-    def rays_unfinished(self) -> bool:
-        """Whether any ray has light left and samples to take in later slabs. Waits for the GPU."""
-        return self._progress.read() != bytes(4)
+    def tiles_unfinished(self) -> NDArray[np.bool_]:
+        """By tile of 8×8 pixels (rows from the top): whether any ray needs samples of later slabs.
+
+        Waits for the GPU.
+        """
+        assert self._progress is not None
+        assert self._frame is not None
+        width, height = self._tiles_wh(self._frame[0])
+        flags = np.frombuffer(self._progress.read(), np.uint32)
+        return np.asarray(flags.reshape(height, width) != 0)
+
+    def end(self) -> None:
+        """Make colours of what was gathered, where that is something else."""
+        assert self._frame is not None
+        request, plan = self._frame
+        if not isinstance(request.mode, Projection):
+            return
+        assert self._picture is not None
+        assert self._transfer is not None
+        program = self._context.program(
+            "project.comp.glsl",
+            CHANNELS=len(request.channels),
+            RGB=request.rgb,
+            ENTRIES=TABLE_ENTRIES,
+            STATISTIC=_STATISTICS[request.mode.statistic],
+        )
+        self._transfer.use(0)
+        self._picture.bind_to_image(0, read=True, write=True)
+        uniforms = {"transfer": 0, **_ray_uniforms(request, plan), **_color_uniforms(request, plan)}
+        set_uniforms(program, uniforms, some_unused=True)
+        run_over(program, (*request.size, 1))
+        self._gl.memory_barrier()
 
     def picture(self) -> NDArray[np.float32]:
         """What was gathered: (height, width, 4), top row first, premultiplied."""
@@ -137,9 +174,70 @@ class Raycaster:
         width, height = self._picture.size
         return np.frombuffer(self._picture.read(), np.float32).reshape(height, width, 4).copy()
 
+    def depth(self) -> NDArray[np.float32]:
+        """World distance from the eye's plane to what is seen: (height, width); inf for nothing."""
+        assert self._depth is not None
+        width, height = self._depth.size
+        return np.frombuffer(self._depth.read(), np.float32).reshape(height, width).copy()
 
-def _ray_uniforms(frame: Frame) -> dict[str, object]:
-    view, box = frame.view, frame.box
+    def _bind(self, textures: SlabTextures) -> dict[str, Any]:
+        """Put textures into units, voxels first; the units by the samplers' names."""
+        assert self._transfer is not None
+        n, m = len(textures.voxels), len(textures.directions)
+        for unit, buffer in enumerate((*textures.voxels, *textures.directions)):
+            assert buffer.texture is not None
+            buffer.texture.use(unit)
+            buffer.sampler.use(unit)
+        textures.emptiness.use(n + m)
+        self._transfer.use(n + m + 1)
+        textures.ranges[0].use(n + m + 2)
+        return {
+            "slab": np.arange(n),
+            "directions": np.arange(n, n + m),
+            "emptiness": n + m,
+            "transfer": n + m + 1,
+            "cell_range": n + m + 2,
+        }
+
+    def _require(
+        self, texture: moderngl.Texture | None, size: tuple[int, int], components: int
+    ) -> moderngl.Texture:
+        if texture is not None and texture.size == size:
+            return texture
+        if texture is not None:
+            texture.release()
+        return self._gl.texture(size, components, dtype="f4")
+
+    @staticmethod
+    def _tiles_wh(request: RenderRequest) -> tuple[int, int]:
+        width, height = request.size
+        return -(-width // TILE), -(-height // TILE)
+
+
+def _variant(request: RenderRequest, textures: SlabTextures) -> dict[str, str | int | bool]:
+    """What the names in the ray caster's text stand for."""
+    gradients = _NO_GRADIENTS
+    if request.lighting is not None:
+        gradients = _STORED_DIRECTIONS if textures.directions else _DIFFERENCES
+    statistic = request.mode.statistic if isinstance(request.mode, Projection) else "max"
+    return {
+        "MODE": _MARCHES[request.mode.name],
+        "STATISTIC": _STATISTICS[statistic],
+        "CHANNELS": len(request.channels),
+        "RGB": request.rgb,
+        "SHADED": request.lighting is not None,
+        "GRADIENTS": gradients,
+        "EDGES": request.edges is not None,
+        "DEPTH": request.depth,
+        "CELL_XYZ": xyz_text(textures.grid.cell_zyx),
+        "ENTRIES": TABLE_ENTRIES,
+    }
+
+
+def _ray_uniforms(request: RenderRequest, plan: FramePlan) -> dict[str, Any]:
+    view, box = plan.view, plan.selection.box
+    geometry = request.volume.levels[plan.level]
+    planes = planes_in_voxels(request.clip.planes_world(), geometry)
     return {
         "start_at00_voxel": view.start_voxel.at00,
         "start_by_column_voxel": view.start_voxel.by_column,
@@ -147,19 +245,22 @@ def _ray_uniforms(frame: Frame) -> dict[str, object]:
         "toward_at00_world": view.toward_world.at00,
         "toward_by_column_world": view.toward_world.by_column,
         "toward_by_row_world": view.toward_world.by_row,
-        "voxels_per_step": [frame.step_world / spacing for spacing in frame.spacing_xyz],
-        "samples_longest": _samples_longest(frame),
+        "voxels_per_step": [plan.step_world / spacing for spacing in geometry.spacing_xyz],
+        "samples_longest": _samples_longest(geometry.shape_zyx, geometry.spacing_xyz, plan),
         "picture_size": view.size,
-        "volume_voxels": frame.shape_zyx[::-1],
+        "volume_voxels": geometry.shape_zyx[::-1],
         "box_low_voxel": [start - BOX_SLACK_VOXELS for start in box.start_zyx[::-1]],
         # Samples reach half a voxel beyond their base voxel's end, less where the volume ends.
         "box_high_voxel": [stop + 0.5 + BOX_SLACK_VOXELS for stop in box.stop_zyx[::-1]],
-        "entries_per_stored": frame.classifier.entries_per_stored,
-        "entry_of_stored_zero": frame.classifier.entry_of_stored_zero,
+        "clip_count": len(planes),
+        "clip_planes_voxel": np.concatenate([planes, np.zeros((PLANES_MAX - len(planes), 4))]),
+        "depth_of_start": view.start_depth_world,
+        "step_world": plan.step_world,
+        "forward_world": view.forward_world,
     }
 
 
-def _slab_uniforms(slab: Slab, buffer: SlabBuffer) -> dict[str, object]:
+def _slab_uniforms(slab: Slab, buffer: SlabBuffer) -> dict[str, Any]:
     assert buffer.texture is not None
     return {
         "content_low_voxel": slab.content.start_zyx[::-1],
@@ -168,23 +269,55 @@ def _slab_uniforms(slab: Slab, buffer: SlabBuffer) -> dict[str, object]:
     }
 
 
-def _shading_uniforms(frame: Frame) -> dict[str, object]:
-    lighting, smallest = frame.lighting, min(frame.spacing_xyz)
-    if lighting is None:
-        return {}
+def _color_uniforms(request: RenderRequest, plan: FramePlan) -> dict[str, Any]:
+    classifiers = plan.classifiers
+    scale = classifiers[0].scale
+    uniforms: dict[str, Any] = {
+        "entries_per_stored": np.array([c.entries_per_stored for c in classifiers]),
+        "entry_of_stored_zero": np.array([c.entry_of_stored_zero for c in classifiers]),
+        "rgb_window_stored": [scale.to_stored(value) for value in request.channels[0].window],
+    }
+    if isinstance(request.mode, Isosurface):
+        uniforms["surface_stored"] = scale.to_stored(request.mode.value)
+    if isinstance(request.mode, Slice):
+        plane = request.mode.plane_world()[np.newaxis]
+        uniforms["slice_voxel"] = planes_in_voxels(plane, request.volume.levels[plan.level])[0]
+    return uniforms
+
+
+def _shading_uniforms(request: RenderRequest, plan: FramePlan) -> dict[str, Any]:
+    spacing_xyz = request.volume.levels[plan.level].spacing_xyz
+    uniforms: dict[str, Any] = {
+        "difference_weight": [min(spacing_xyz) / spacing for spacing in spacing_xyz]
+    }
+    if request.edges is not None:
+        # Magnitudes are given in widths of the window per voxel of level 0.
+        low, high = request.channels[0].window
+        finest = min(request.volume.levels[0].spacing_xyz)
+        width = plan.classifiers[0].scale.width
+        stored = (high - low) / width * min(spacing_xyz) / finest if width > 0 else 1.0
+        uniforms["edge_stored"] = [stored * edge for edge in request.edges]
+    if request.lighting is not None:
+        uniforms |= _light_uniforms(request.lighting)
+    return uniforms
+
+
+def _light_uniforms(lighting: Lighting) -> dict[str, Any]:
     return {
-        "difference_weight": [smallest / spacing for spacing in frame.spacing_xyz],
         "ambient": lighting.ambient,
         "diffuse": lighting.diffuse,
         "specular": lighting.specular,
         "shininess": lighting.shininess,
+        "light_count": len(lighting.lights),
+        "light_toward_world": np.array([light.unit_world() for light in lighting.lights]),
+        "light_color": np.array([light.color for light in lighting.lights]),
     }
 
 
-def _samples_longest(frame: Frame) -> int:
+def _samples_longest(shape_zyx: Zyx, spacing_xyz: tuple[float, ...], plan: FramePlan) -> int:
     """Samples along the volume's diagonal: the bound of the shader's loop, come what may."""
-    edges = (n * s for n, s in zip(reversed(frame.shape_zyx), frame.spacing_xyz, strict=True))
-    return math.ceil(math.hypot(*edges) / frame.step_world) + 2
+    edges = (n * s for n, s in zip(reversed(shape_zyx), spacing_xyz, strict=True))
+    return math.ceil(math.hypot(*edges) / plan.step_world) + 2
 
 
 def _finite(plane: float) -> float:

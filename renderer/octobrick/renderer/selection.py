@@ -3,27 +3,29 @@
 A sample belongs to the brick that holds its *base voxel*, floor(p - ½) on each axis, which is the
 lowest of the eight voxels that it is interpolated from. Brick ranges reach one voxel beyond the
 brick, so a brick's range covers all of its samples.
+
+Bricks are tested from the coarsest cubes of 2^k³ bricks down: what drops a cube drops its bricks.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.renderer.brick_ranges import BrickRanges
 from octobrick.renderer.brick_source import BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
-from octobrick.renderer.classifier import Classifier
-from octobrick.renderer.view import Size, View, box_depths_world, make_view
+from octobrick.renderer.view import Size, View, box_depths_world, boxes_meet, make_view
 from octobrick.store.box import Box, Zyx, ceil_div
 
-SAMPLE_MARGIN = 2
-"""Voxels around a sample's base that shading can touch: interpolation 1, differences 1."""
-
 Mask = NDArray[np.bool_]
+RangeTest = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
+"""Whether any value from low to high can be seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,7 @@ class Selection:
 
     Attributes:
         sampled: (nz, ny, nx) bricks in which a sample can be visible.
-        needed: those and the neighbours that interpolation and gradients reach into.
+        needed: those and the neighbours that interpolation, gradients and filters reach into.
         box: voxels of the sampled bricks, clipped to the level; empty where there are none.
         counts: bricks of the level by what became of them; the reasons add up to "total".
     """
@@ -44,38 +46,39 @@ class Selection:
 
 
 def select_bricks(
-    source: BrickSource,
-    level: int,
+    geometry: SourceLevel,
+    brick_zyx: Zyx,
     view: View,
-    classifier: Classifier,
+    ranges: Sequence[tuple[BrickRanges, RangeTest]],
     *,
-    t: int = 0,
-    c: int = 0,
+    clip_planes_world: NDArray[np.float64] | None = None,
+    margin_zyx: Zyx = (2, 2, 2),
     cull: bool = True,
 ) -> Selection:
     """The bricks of a level that a view needs. Dropping the others changes no pixel.
 
     Args:
+        geometry: of the level.
+        brick_zyx: voxels of a brick.
+        view: whose frustum counts.
+        ranges: of every channel, with the test of what its transfer function shows; a brick is
+            dropped if no channel shows anything in it.
+        clip_planes_world: (n, 4) half-spaces outside of which nothing is shown.
+        margin_zyx: voxels around a sample's base that are read.
         cull: False keeps every brick: the reference that dropping is tested against.
     """
-    geometry, brick = source.levels[level], source.brick_shape_zyx
-    shape = tuple(geometry.grid_zyx)
+    total = math.prod(geometry.grid_zyx)
+    counts = {"total": total, "frustum": 0, "clipped": 0, "transparent": 0}
     if cull:
-        in_view = _in_view(geometry, brick, view)
-        visible = classifier.visible(*_decoded_ranges(source, level, t, c))
+        planes = {"frustum": view.planes_world}
+        if clip_planes_world is not None and len(clip_planes_world):
+            planes["clipped"] = clip_planes_world
+        sampled = _descend(geometry, brick_zyx, planes, ranges, counts)
     else:
-        in_view = visible = np.ones(shape, dtype=bool)
-    sampled = in_view & visible
-    total, nsampled = sampled.size, int(sampled.sum())
-    outside = total - int(in_view.sum())
-    counts = {
-        "total": total,
-        "frustum": outside,
-        "transparent": total - outside - nsampled,
-        "sampled": nsampled,
-    }
-    needed = _dilate(sampled, brick)
-    return Selection(sampled, needed, _bounding_box(sampled, geometry, brick), counts)
+        sampled = np.ones(geometry.grid_zyx, dtype=bool)
+    counts["sampled"] = int(sampled.sum())
+    needed = dilated(sampled, brick_zyx, margin_zyx)
+    return Selection(sampled, needed, _bounding_box(sampled, geometry, brick_zyx), counts)
 
 
 def finest_useful_level(source: BrickSource, camera: Camera, size: Size) -> int:
@@ -109,55 +112,96 @@ def checked_level(source: BrickSource, level: int | None) -> int | None:
     return None if level is None else int(level)
 
 
-def _in_view(geometry: SourceLevel, brick: Zyx, view: View) -> Mask:
-    """Which bricks' samples may be in view."""
-    spacing, origin = np.array(geometry.spacing_xyz), np.array(geometry.origin_xyz)
-    lows, highs = [], []
-    for nvoxels, nbricks, edge in zip(geometry.shape_zyx, geometry.grid_zyx, brick, strict=True):
-        start = np.arange(nbricks) * edge
-        # Base voxels [start, start + edge): positions up to half a voxel beyond the brick, where
-        # that is not the end of the volume.
-        lows.append(start.astype(float))
-        highs.append(np.minimum(start + edge + 1.0, nvoxels))
-    low_zyx = np.stack(np.meshgrid(*lows, indexing="ij"), axis=-1)
-    high_zyx = np.stack(np.meshgrid(*highs, indexing="ij"), axis=-1)
-    corner = origin - spacing / 2
-    return view.meets(corner + low_zyx[..., ::-1] * spacing, corner + high_zyx[..., ::-1] * spacing)
+def ordered(bricks: Mask, geometry: SourceLevel, brick_zyx: Zyx, view: View) -> NDArray[np.intp]:
+    """The bricks of a mask (n, 3) as (z, y, x), front to back.
 
-
-def _decoded_ranges(
-    source: BrickSource, level: int, t: int, c: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Bounds of what interpolation between *decoded* voxels can give in each brick.
-
-    Stored ranges are those of the originals. Inside a brick S3Dc stays within them; the one voxel
-    beyond was decoded from another brick, so it may lie outside by that brick's error.
+    By slabs of bricks across the view's main axis, as they are drawn, and in each by distance.
     """
-    ranges = np.asarray(source.ranges(level, t, c), dtype=np.float64)
-    errors = np.asarray(source.fidelity(level, t, c), dtype=np.float64)[..., 0]
-    slack = _neighbourhood_max(errors)
-    return ranges[..., 0] - slack, ranges[..., 1] + slack
+    found = np.argwhere(bricks)
+    if not len(found):
+        return found
+    low, high = brick_bounds(found, 0, geometry, brick_zyx)
+    depth = view.depth_world((low + high) / 2)
+    axis_xyz = view.main_axis
+    along = found[:, 2 - axis_xyz] * math.copysign(1, view.forward_world[axis_xyz])
+    if view.eye_world_is_point:  # bricks on both sides of an eye within the volume
+        eye = view.eye_world[axis_xyz]
+        along = np.maximum(np.maximum(low[:, axis_xyz] - eye, eye - high[:, axis_xyz]), 0)
+    return np.asarray(found[np.lexsort((depth, along))])
 
 
-def _neighbourhood_max(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The largest of each cell and its 26 neighbours."""
-    for axis in range(3):
-        padded = np.pad(values, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge")
-        n = values.shape[axis]
-        values = np.maximum.reduce([padded.take(range(i, i + n), axis) for i in range(3)])
-    return values
+def brick_bounds(
+    bricks_zyx: NDArray[np.intp], k: int, geometry: SourceLevel, brick_zyx: Zyx
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """World corners (n, 3) of where samples of cubes of 2^k³ bricks lie.
+
+    Up to half a voxel beyond their base voxels, where that is not the end of the volume.
+    """
+    spacing, origin = np.array(geometry.spacing_xyz), np.array(geometry.origin_xyz)
+    edge = np.array(brick_zyx) << k
+    start = bricks_zyx * edge
+    stop = np.minimum(start + edge + 1, geometry.shape_zyx)
+    corner = origin - spacing / 2
+    return corner + start[:, ::-1] * spacing, corner + stop[:, ::-1] * spacing
 
 
-def _dilate(mask: Mask, brick: Zyx) -> Mask:
-    """The mask grown by the bricks within SAMPLE_MARGIN voxels, diagonals included."""
-    for axis, edge in enumerate(brick):
-        radius = ceil_div(SAMPLE_MARGIN, edge)
-        n = mask.shape[axis]
-        padded = np.pad(mask, [(radius, radius) if a == axis else (0, 0) for a in range(3)])
-        mask = np.logical_or.reduce(
-            [padded.take(range(i, i + n), axis) for i in range(2 * radius + 1)]
-        )
+def dilated(mask: Mask, brick_zyx: Zyx, margin_zyx: Zyx) -> Mask:
+    """The mask grown by the bricks within some voxels, diagonals included."""
+    for axis, (edge, margin) in enumerate(zip(brick_zyx, margin_zyx, strict=True)):
+        grown = mask.copy()
+        for distance in range(1, min(ceil_div(margin, edge), mask.shape[axis] - 1) + 1):
+            ahead, behind = [slice(None)] * 3, [slice(None)] * 3
+            ahead[axis], behind[axis] = slice(distance, None), slice(None, -distance)
+            grown[tuple(ahead)] |= mask[tuple(behind)]
+            grown[tuple(behind)] |= mask[tuple(ahead)]
+        mask = grown
     return mask
+
+
+def _descend(
+    geometry: SourceLevel,
+    brick_zyx: Zyx,
+    planes: dict[str, NDArray[np.float64]],
+    ranges: Sequence[tuple[BrickRanges, RangeTest]],
+    counts: dict[str, int],
+) -> Mask:
+    """Which bricks pass all tests; the others are counted by the first that they fail."""
+    grid = np.array(geometry.grid_zyx)
+    top = max(0, int(grid.max() - 1).bit_length())
+    nodes = np.zeros((1, 3), np.intp)
+    for k in range(top, -1, -1):
+        low, high = brick_bounds(nodes, k, geometry, brick_zyx)
+        for reason, half_spaces in planes.items():
+            keep = boxes_meet(half_spaces, low, high)
+            counts[reason] += _bricks_within(nodes[~keep], k, grid)
+            nodes, low, high = nodes[keep], low[keep], high[keep]
+        seen = np.zeros(len(nodes), bool)
+        at = tuple(nodes.T)
+        for tree, test in ranges:
+            seen |= test(tree.lows[k][at], tree.highs[k][at])
+        counts["transparent"] += _bricks_within(nodes[~seen], k, grid)
+        nodes = nodes[seen]
+        if k:
+            nodes = _children(nodes, k - 1, grid)
+    mask = np.zeros(geometry.grid_zyx, bool)
+    mask[tuple(nodes.T)] = True
+    return mask
+
+
+_OCTANTS = np.array(list(np.ndindex(2, 2, 2)), np.intp)
+
+
+def _children(nodes: NDArray[np.intp], k: int, grid: NDArray[np.intp]) -> NDArray[np.intp]:
+    children = (2 * nodes[:, np.newaxis] + _OCTANTS).reshape(-1, 3)
+    return np.asarray(children[(children << k < grid).all(axis=1)])
+
+
+def _bricks_within(nodes: NDArray[np.intp], k: int, grid: NDArray[np.intp]) -> int:
+    """How many bricks the cubes hold."""
+    if not len(nodes):
+        return 0
+    start = nodes << k
+    return int(np.prod(np.minimum(start + (1 << k), grid) - start, axis=1).sum())
 
 
 def _bounding_box(mask: Mask, geometry: SourceLevel, brick: Zyx) -> Box:

@@ -58,6 +58,17 @@ class Filled:
         self.nsubstituted += other.nsubstituted
 
 
+class DirectionSource(Protocol):
+    """The stored gradients of a volume, such as `octobrick.store.StoredGradients`."""
+
+    @property
+    def levels(self) -> Sequence[int]:
+        """Which levels have gradients."""
+
+    def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        """A brick's codes, three bytes a voxel; None where no voxel has a direction."""
+
+
 class SlabFiller(Protocol):
     """Keeps bricks compressed under a byte budget and decodes them into slab buffers."""
 
@@ -71,6 +82,19 @@ class SlabFiller(Protocol):
         Raises:
             CorruptBrickError: a brick is damaged.
             ResourceError: the budget does not hold a single brick.
+        """
+
+    def fill_directions(
+        self,
+        gradients: DirectionSource,
+        slab: SlabBuffer,
+        content: SlabContent,
+        bricks: Sequence[Zyx],
+    ) -> Filled:
+        """The same for the codes of gradient directions, in a slab of the format DIRECTIONS.
+
+        Raises:
+            CorruptBrickError, ResourceError: as `fill`.
         """
 
     @property

@@ -10,10 +10,10 @@ wherever in the texture a voxel lies.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from octobrick.renderer.cells import cell_shape
-from octobrick.renderer.selection import SAMPLE_MARGIN
 from octobrick.store.box import Box, Zyx
 
 
@@ -49,7 +49,8 @@ def plan_slabs(
     axis_zyx: int,
     eye_on_axis: float,
     *,
-    nvoxels_max: int,
+    margin: int,
+    fits: Callable[[Zyx], bool],
     side_max: int,
 ) -> SlabPlan | None:
     """Cut a box into as few slabs as the buffer allows; None where not even one voxel's depth fits.
@@ -63,21 +64,21 @@ def plan_slabs(
         brick_zyx: voxels of a brick.
         axis_zyx: the array axis along which slabs follow each other.
         eye_on_axis: the eye's position on that axis in voxel space; ±inf for a direction.
-        nvoxels_max: voxels that the buffer may hold.
+        margin: voxels around a sample's base that are read.
+        fits: whether a buffer of these sides may be had.
         side_max: the longest side that a 3D texture may have.
     """
     level = Box.of_shape(level_shape_zyx)
-    sides = [power_of_two(n) for n in box.grow(SAMPLE_MARGIN).intersect(level).shape_zyx]
-    across = math.prod(sides) // sides[axis_zyx]
-    if max(sides[a] for a in range(3) if a != axis_zyx) > side_max or across > nvoxels_max:
-        return None
-    deepest = power_of_two(min(nvoxels_max // across, side_max) + 1) // 2  # rounded down
+    sides = [power_of_two(n) for n in box.grow(margin).intersect(level).shape_zyx]
     start, stop = box.start_zyx[axis_zyx], box.stop_zyx[axis_zyx]
     depth = stop - start
-    if sides[axis_zyx] > deepest:
-        cell, depth = cell_shape(brick_zyx)[axis_zyx], deepest - 2 * SAMPLE_MARGIN
-        if depth <= 0:
+    whole = sides[axis_zyx]
+    while max(sides) > side_max or not fits((sides[0], sides[1], sides[2])):
+        sides[axis_zyx] //= 2
+        if sides[axis_zyx] <= 2 * margin:
             return None
+    if sides[axis_zyx] < whole:
+        cell, depth = cell_shape(brick_zyx)[axis_zyx], sides[axis_zyx] - 2 * margin
         depth = depth // cell * cell or depth
     cuts = [*range(start + depth, stop, depth)]
     lows, highs = [start, *cuts], [*cuts, stop]
@@ -85,7 +86,7 @@ def plan_slabs(
         Slab(
             low=float(low) if low > start else -math.inf,
             high=float(high) if high < stop else math.inf,
-            content=_part(box, axis_zyx, low, high).grow(SAMPLE_MARGIN).intersect(level),
+            content=_part(box, axis_zyx, low, high).grow(margin).intersect(level),
         )
         for low, high in zip(lows, highs, strict=True)
     ]

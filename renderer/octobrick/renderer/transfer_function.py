@@ -171,24 +171,30 @@ class TransferFunction:
         edges = (s * n for s, n in zip(spacing_xyz, reversed(shape_zyx), strict=True))
         return max(edges) / EXTENT_PARTS
 
-    def table(self, n: int, step_ratio: float = 1.0) -> NDArray[np.float32]:
+    def table(
+        self, n: int, step_ratio: float = 1.0, *, opacity: float | None = None
+    ) -> NDArray[np.float32]:
         """Premultiplied RGBA of one ray step at n positions, evenly spaced over the domain.
 
         Args:
             n: entries, at least 2; the first and the last are the ends of the domain.
             step_ratio: d/d0, the length of a step in reference lengths, positive.
+            opacity: of all entries instead of the function's own.
 
         Returns:
             (n, 4) float32; opacity is 1 - (1 - a)^(d/d0), exact for small a.
         """
         low, high = self.value_domain((0.0, 1.0))
         at = np.linspace(low, high, n)
-        opacity = _interpolate(at, [p for p, _ in self.opacities], [[a] for _, a in self.opacities])
-        _keep_peaks(opacity[:, 0], self.opacities, low, high)
         color = _interpolate(at, [p for p, _ in self.colors], [rgb for _, rgb in self.colors])
-        with np.errstate(divide="ignore"):  # log1p(-1) = -inf is right: opaque stays opaque
-            opacity = -np.expm1(step_ratio * np.log1p(-opacity))
-        return np.concatenate([color * opacity, opacity], axis=1).astype(np.float32)
+        alpha = np.full((n, 1), opacity, np.float64)
+        if opacity is None:
+            values = [[a] for _, a in self.opacities]
+            alpha = _interpolate(at, [p for p, _ in self.opacities], values)
+            _keep_peaks(alpha[:, 0], self.opacities, low, high)
+            with np.errstate(divide="ignore"):  # log1p(-1) = -inf is right: opaque stays opaque
+                alpha = -np.expm1(step_ratio * np.log1p(-alpha))
+        return np.concatenate([color * alpha, alpha], axis=1).astype(np.float32)
 
 
 def _interpolate(

@@ -58,6 +58,9 @@ class View:
         planes_world: (n, 4) rows (normal, offset); a point p is in view if normal·p + offset >= 0
             for all.
         pixel_size: size of a pixel in world units, as `base + slope * depth`.
+        right_world: unit vector to the right in the picture.
+        up_world: unit vector upwards in the picture.
+        start_depth_world: distance of the start plane in front of the eye.
     """
 
     size: Size
@@ -67,6 +70,9 @@ class View:
     toward_world: Affine
     planes_world: NDArray[np.float64]
     pixel_size: tuple[float, float]
+    right_world: Vector
+    up_world: Vector
+    start_depth_world: float
 
     @property
     def main_axis(self) -> int:
@@ -77,19 +83,44 @@ class View:
         """Distance of points (n, 3) from the eye's plane, negative behind it."""
         return np.asarray((points_world - self.eye_world) @ self.forward_world)
 
+    def pixels_of(self, points_world: Vector) -> tuple[Vector, NDArray[np.bool_]]:
+        """Where points (..., 3) lie in the picture: (..., 2) column and row; in front of the eye?
+
+        Those that are not have no place in a perspective picture; theirs has no meaning.
+        """
+        offset = points_world - self.eye_world
+        depth = offset @ self.forward_world
+        base, slope = self.pixel_size
+        size = base + slope * depth
+        in_front = size > 0
+        size = np.where(in_front, size, 1.0)
+        middle = np.array(self.size) / 2
+        across = np.stack([offset @ self.right_world, -(offset @ self.up_world)], axis=-1)
+        return middle + across / size[..., np.newaxis], in_front
+
     def pixel_size_at(self, depth_world: float) -> float:
         """World units across a pixel at a depth in front of the eye."""
         base, slope = self.pixel_size
         return base + slope * max(depth_world, 0.0)
 
+    @property
+    def eye_world_is_point(self) -> bool:
+        """True where rays come from the eye (perspective), False where they are parallel."""
+        return self.pixel_size[0] == 0
+
     def meets(self, low_world: Vector, high_world: Vector) -> NDArray[np.bool_]:
         """Which boxes (..., 3) may be in view; conservative: never False for one that is."""
-        centre, half = (low_world + high_world) / 2, (high_world - low_world) / 2
-        normal, offset = self.planes_world[:, :3], self.planes_world[:, 3]
-        nearest = centre @ normal.T + half @ np.abs(normal).T + offset
-        # A thousandth of a box: more than float32 rays can stray.
-        slack = 1e-3 * np.linalg.norm(half, axis=-1, keepdims=True)
-        return np.asarray((nearest >= -slack).all(axis=-1))
+        return boxes_meet(self.planes_world, low_world, high_world)
+
+
+def boxes_meet(planes: Vector, low: Vector, high: Vector) -> NDArray[np.bool_]:
+    """Which boxes (..., 3) may reach into all half-spaces (n, 4); never False for one that does."""
+    centre, half = (low + high) / 2, (high - low) / 2
+    normal, offset = planes[:, :3], planes[:, 3]
+    nearest = centre @ normal.T + half @ np.abs(normal).T + offset
+    # A thousandth of a box: more than float32 rays can stray.
+    slack = 1e-3 * np.linalg.norm(half, axis=-1, keepdims=True)
+    return np.asarray((nearest >= -slack).all(axis=-1))
 
 
 def checked_size(size: tuple[int, int], limit: int | None = None) -> Size:
@@ -157,6 +188,9 @@ def make_view(camera: Camera, size: Size, level: SourceLevel) -> View:
         toward_world=toward,
         planes_world=_side_planes(start_world, toward, eye, forward, size),
         pixel_size=pixel_size,
+        right_world=right,
+        up_world=up,
+        start_depth_world=start_depth,
     )
 
 

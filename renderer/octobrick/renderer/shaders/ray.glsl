@@ -16,6 +16,7 @@ uniform int samples_longest;        // no ray has more samples within the volume
 
 const int SAMPLES_MAX = 1 << 22;    // float(k) + 0.5 is exact below 2^23
 const float PARALLEL = 1e-12;       // voxels a step: less than this never leaves a plane
+const float FAR = 1e30;             // a plane beyond every sample
 
 struct Ray {
     vec3 start_voxel;
