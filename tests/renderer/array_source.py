@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -149,3 +150,24 @@ class ArraySource:
                 rounded = np.nextafter(rounded, np.float32(np.inf))
             out[zyx] = rounded, np.sqrt((part**2).mean())
         return out
+
+
+class Channels:
+    """Several volumes of one shape as the channels of one."""
+
+    def __init__(self, channels: Sequence[ArraySource]) -> None:
+        self._channels = list(channels)
+        self.nc = len(self._channels)
+        self.revision = " / ".join(channel.revision for channel in self._channels)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._channels[0], name)
+
+    def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        return self._channels[c].brick_code(level, zyx)
+
+    def ranges(self, level: int, t: int = 0, c: int = 0) -> Voxels:
+        return self._channels[c].ranges(level)
+
+    def fidelity(self, level: int, t: int = 0, c: int = 0) -> NDArray[np.float32]:
+        return self._channels[c].fidelity(level)

@@ -29,6 +29,13 @@ def unculled() -> Iterator[Renderer]:
         yield shared
 
 
+@pytest.fixture(scope="session")
+def thin() -> Iterator[Renderer]:
+    """Cuts small volumes into several slabs."""
+    with Renderer("2MiB", slab_budget="256KiB") as shared:
+        yield shared
+
+
 def make_blobs() -> NDArray[np.uint8]:
     """Soft blobs and one hard box in empty space, no axis alike, no size that divides anything."""
     shape = (59, 70, 83)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -82,10 +81,3 @@ def test_dropping_skipping_and_cutting_change_no_bit(
     assert np.isfinite(wanted.premultiplied).all()
     np.testing.assert_array_equal(culled.premultiplied, wanted.premultiplied)
     np.testing.assert_array_equal(cut.premultiplied, wanted.premultiplied)
-
-
-@pytest.fixture(scope="module")
-def thin() -> Iterator[Renderer]:
-    """Cuts the blobs into about eight slabs."""
-    with Renderer("2MiB", slab_budget="256KiB") as renderer:
-        yield renderer

@@ -5,26 +5,37 @@ The names listed in ``__all__`` are the component's promise; everything else may
 
 from octobrick.renderer.brick_source import BlockCode, BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
+from octobrick.renderer.clip import Clip
 from octobrick.renderer.errors import GraphicsContextError, PictureTooLargeError, ShaderError
 from octobrick.renderer.framing import visible_bounds
 from octobrick.renderer.image import Fidelity, RenderedImage, RenderStats
-from octobrick.renderer.lighting import Lighting
+from octobrick.renderer.lighting import Light, Lighting
+from octobrick.renderer.modes import Compositing, Isosurface, Projection, Slice
 from octobrick.renderer.renderer import Renderer
 from octobrick.renderer.transfer_function import TransferFunction
+from octobrick.renderer.working_set import WorkingSet, select
 
 __all__ = [
     "BlockCode",
     "BrickSource",
     "Camera",
+    "Clip",
+    "Compositing",
     "Fidelity",
     "GraphicsContextError",
+    "Isosurface",
+    "Light",
     "Lighting",
     "PictureTooLargeError",
+    "Projection",
     "RenderStats",
     "RenderedImage",
     "Renderer",
     "ShaderError",
+    "Slice",
     "SourceLevel",
     "TransferFunction",
+    "WorkingSet",
+    "select",
     "visible_bounds",
 ]

@@ -32,13 +32,13 @@ class Limits:
 
     Attributes:
         brick_nbytes: for compressed bricks.
-        slab_nbytes: for the buffers of a slab.
+        slab_nbytes: for the buffers of a slab; None plans no slabs.
         volume_side_max: voxels along a side of a 3D texture.
     """
 
     brick_nbytes: int
-    slab_nbytes: int
-    volume_side_max: int
+    slab_nbytes: int | None = None
+    volume_side_max: int = 2048
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class FramePlan:
         classifiers: of each channel.
         selection: the bricks.
         layout: of the slab buffers.
-        slabs: None where there is nothing to see.
+        slabs: None where there is nothing to see, or none were asked for.
         step_world: distance of samples.
         reference_length_world: what the first transfer function's opacities are meant for.
     """
@@ -91,7 +91,7 @@ def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> 
 
 
 def working_set_nbytes(request: RenderRequest, plan: FramePlan) -> int:
-    """Bytes of the bricks that the plan needs, compressed, of all channels."""
+    """Bytes of the bricks that the plan needs, compressed, of all channels, with directions."""
     nbytes = CodeLayout.of(request.volume, plan.level).code_nbytes
     if plan.layout.directions:
         nbytes += 3 * math.prod(request.volume.brick_shape_zyx)
@@ -131,7 +131,7 @@ def plan_level(
         cull=cull,
     )
     slabs = None
-    if selection.box.nvoxels > 0:
+    if selection.box.nvoxels > 0 and limits.slab_nbytes is not None:
         slabs = _plan_slabs(request, level, view, selection, layout, limits)
     reference = _reference_length(request, request.channels[0].function)
     return FramePlan(level, view, classifiers, selection, layout, slabs, step_world, reference)
@@ -181,7 +181,8 @@ def _plan_slabs(
     layout: SlabLayout,
     limits: Limits,
 ) -> SlabPlan:
-    geometry = request.volume.levels[level]
+    geometry, slab_nbytes = request.volume.levels[level], limits.slab_nbytes
+    assert slab_nbytes is not None
     plan = plan_slabs(
         selection.box,
         geometry.shape_zyx,
@@ -189,18 +190,18 @@ def _plan_slabs(
         2 - view.main_axis,
         _eye_on_axis(view, geometry),
         margin=layout.sample_margin,
-        fits=lambda side_zyx: layout.nbytes(side_zyx) <= limits.slab_nbytes,
+        fits=lambda side_zyx: layout.nbytes(side_zyx) <= slab_nbytes,
         side_max=limits.volume_side_max,
     )
     if plan is None:
         raise PictureTooLargeError(
             f"level {level} of this view is {selection.box.shape_zyx} voxels (z, y, x), of "
-            f"which not even a thin slab fits {limits.slab_nbytes} bytes and "
+            f"which not even a thin slab fits {slab_nbytes} bytes and "
             f"{limits.volume_side_max} voxels a side; raise memory_budget, show a "
             "coarser level, or move closer",
             level=level,
             box_zyx=list(selection.box.shape_zyx),
-            slab_nbytes=limits.slab_nbytes,
+            slab_nbytes=slab_nbytes,
         )
     return plan
 

@@ -14,11 +14,12 @@ from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.camera import Camera
 from octobrick.renderer.classifier import checked_window
 from octobrick.renderer.clip import Clip
-from octobrick.renderer.image import Background
+from octobrick.renderer.image import Background, checked_background
 from octobrick.renderer.lighting import Lighting
-from octobrick.renderer.modes import Isosurface, Mode
+from octobrick.renderer.modes import Isosurface, Mode, Projection, Slice, checked_mode
+from octobrick.renderer.selection import checked_level
 from octobrick.renderer.transfer_function import TransferFunction
-from octobrick.renderer.view import Size
+from octobrick.renderer.view import Size, checked_size
 
 STEP_VOXELS_MIN, STEP_VOXELS_MAX = 1 / 64, 16.0
 """Finer steps would take minutes for nothing; coarser ones miss whole blocks."""
@@ -71,6 +72,59 @@ class RenderRequest:
         lit_by_differences = self.lighting is not None and self.stored_gradients(level) is None
         differences = lit_by_differences or self.edges is not None
         return 1 + differences + isinstance(self.mode, Isosurface)
+
+
+def make_request(
+    volume: BrickSource,
+    camera: Camera,
+    transfer_function: TransferFunction | Sequence[TransferFunction],
+    size: tuple[int, int],
+    *,
+    mode: Mode | str = "dvr",
+    window: Any = None,
+    shading: bool | Lighting = True,
+    gradients: str = "auto",
+    edges: tuple[float, float] | None = None,
+    deblocking: bool | float = False,
+    clip: Clip | None = None,
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
+    step_voxels: float = 0.5,
+    level: int | None = None,
+    t: int = 0,
+    c: int | Sequence[int] = 0,
+    rgb: bool = False,
+    depth: bool = False,
+    size_max: int | None = None,
+) -> RenderRequest:
+    """The arguments of `Renderer.render`, checked.
+
+    Args:
+        size_max: pixels along a side of a picture; for the others see there.
+
+    Raises:
+        InvalidInputError: an argument is out of its range, or two do not go together.
+    """
+    mode = checked_mode(mode)
+    lit = bool(shading) and not isinstance(mode, Projection | Slice)
+    request = RenderRequest(
+        volume=volume,
+        camera=camera,
+        channels=checked_channels(volume, c, transfer_function, window),
+        size=checked_size(size, size_max),
+        mode=mode,
+        lighting=(shading if isinstance(shading, Lighting) else Lighting()) if lit else None,
+        gradients=checked_gradients(gradients),
+        edges=checked_edges(edges),
+        deblocking=checked_deblocking(deblocking),
+        clip=clip or Clip(),
+        rgb=rgb,
+        background=checked_background(background),
+        step_voxels=checked_step(step_voxels),
+        level=checked_level(volume, level),
+        t=checked_index("t", t, volume.nt),
+        depth=depth,
+    )
+    return checked_combination(request)
 
 
 def checked_channels(

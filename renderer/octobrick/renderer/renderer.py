@@ -24,34 +24,18 @@ from octobrick.renderer.decoded_bricks import drawable
 from octobrick.renderer.empty_space import EmptySpace
 from octobrick.renderer.frame_plan import FramePlan, Limits, brick_list, plan_frame
 from octobrick.renderer.gpu_filler import GpuFiller
-from octobrick.renderer.image import (
-    Fidelity,
-    RenderedImage,
-    RenderStats,
-    checked_background,
-    finish,
-)
+from octobrick.renderer.image import Fidelity, RenderedImage, RenderStats, finish
 from octobrick.renderer.lighting import Lighting
-from octobrick.renderer.modes import Mode, Projection, Slice, checked_mode
+from octobrick.renderer.modes import Mode
 from octobrick.renderer.occlusion import unoccluded
 from octobrick.renderer.pass_clock import PassClock
 from octobrick.renderer.raycaster import TILE, Raycaster, SlabTextures
-from octobrick.renderer.render_request import (
-    RenderRequest,
-    checked_channels,
-    checked_combination,
-    checked_deblocking,
-    checked_edges,
-    checked_gradients,
-    checked_index,
-    checked_step,
-)
-from octobrick.renderer.selection import Mask, checked_level, dilated, finest_useful_level
+from octobrick.renderer.render_request import RenderRequest, make_request
+from octobrick.renderer.selection import Mask, dilated, finest_useful_level
 from octobrick.renderer.slab_filler import Filled, SlabFiller
 from octobrick.renderer.slab_set import SlabSet
 from octobrick.renderer.slabs import Slab, SlabPlan
 from octobrick.renderer.transfer_function import TransferFunction
-from octobrick.renderer.view import checked_size
 from octobrick.store.box import Box
 
 if TYPE_CHECKING:
@@ -182,28 +166,29 @@ class Renderer:
             CorruptBrickError: a brick is damaged.
         """
         started = time.perf_counter()
-        mode = checked_mode(mode)
-        lit = bool(shading) and not isinstance(mode, Projection | Slice)
-        request = RenderRequest(
-            volume=drawable(volume),
-            camera=camera,
-            channels=checked_channels(volume, c, transfer_function, window),
-            size=checked_size(size, self._context.picture_side_max),
+        request = make_request(
+            drawable(volume),
+            camera,
+            transfer_function,
+            size,
             mode=mode,
-            lighting=(shading if isinstance(shading, Lighting) else Lighting()) if lit else None,
-            gradients=checked_gradients(gradients),
-            edges=checked_edges(edges),
-            deblocking=checked_deblocking(deblocking),
-            clip=clip or Clip(),
+            window=window,
+            shading=shading,
+            gradients=gradients,
+            edges=edges,
+            deblocking=deblocking,
+            clip=clip,
+            background=background,
+            step_voxels=step_voxels,
+            level=level,
+            t=t,
+            c=c,
             rgb=rgb,
-            background=checked_background(background),
-            step_voxels=checked_step(step_voxels),
-            level=checked_level(volume, level),
-            t=checked_index("t", t, volume.nt),
             depth=depth,
+            size_max=self._context.picture_side_max,
         )
         with self._context.current() as gl:
-            return self._render(gl, checked_combination(request), started)
+            return self._render(gl, request, started)
 
     def _render(
         self, gl: moderngl.Context, request: RenderRequest, started: float

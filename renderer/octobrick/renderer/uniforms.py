@@ -37,10 +37,8 @@ def set_uniforms(
                 f"the program has no uniform {name}; it has {sorted(program)}", uniform=name
             )
         member: Any = program[name]
-        if isinstance(value, np.ndarray) and (value.ndim > 1 or member.array_length > 1):
+        if isinstance(value, np.ndarray) and (value.ndim > 1 or member.dimension == 1):
             member.write(_as_declared(value, member.array_length).tobytes())
-        elif isinstance(value, np.ndarray) and value.size == 1:
-            member.value = value.item()
         else:
             member.value = value if isinstance(value, (int, float)) else tuple(value)
 
@@ -52,7 +50,10 @@ def run_over(program: moderngl.ComputeShader, size_xyz: tuple[int, int, int]) ->
 
 
 def _as_declared(values: np.ndarray[Any, Any], count: int) -> np.ndarray[Any, Any]:
-    """Float32 or int32 rows, as many as the program has room for; missing ones are 0."""
+    """Float32 or int32 rows, as many as the program has room for; missing ones are 0.
+
+    That may be fewer than declared: compilers cut arrays down to what is used.
+    """
     kind = np.int32 if values.dtype.kind in "iu" else np.float32
     rows = np.zeros((count, *values.shape[1:]), kind)
     rows[: len(values)] = values[:count]

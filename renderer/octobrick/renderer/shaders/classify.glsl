@@ -24,10 +24,21 @@ vec4 color_of_rgb(vec3 stored) {
 }
 #endif
 
-// Two materials in one place: what one lets through, the other can still stop. Each keeps its part
-// of the light that is stopped.
-vec4 blend(vec4 one, vec4 other) {
-    float sum = one.a + other.a;
-    float alpha = sum - one.a * other.a;
-    return sum > 0.0 ? vec4((one.rgb + other.rgb) * (alpha / sum), alpha) : vec4(0);
+// Several materials in one place: what one lets through, another can still stop. Each has its part
+// of the light that is stopped, in any order.
+struct Mixture {
+    vec4 sum;
+    float transparency;
+};
+
+const Mixture NOTHING = Mixture(vec4(0), 1.0);
+
+void mix_in(inout Mixture mixture, vec4 color) {
+    mixture.sum += color;
+    mixture.transparency *= 1.0 - color.a;
+}
+
+vec4 color_of_mixture(Mixture mixture) {
+    float alpha = 1.0 - mixture.transparency;
+    return mixture.sum.a > 0.0 ? vec4(mixture.sum.rgb * (alpha / mixture.sum.a), alpha) : vec4(0);
 }

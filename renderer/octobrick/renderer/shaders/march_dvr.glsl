@@ -12,7 +12,7 @@ vec4 sample_color(Ray ray, vec3 p) {
 #endif
     return color;
 #else
-    vec4 sum = vec4(0);
+    Mixture mixture = NOTHING;
     for (int channel = 0; channel < CHANNELS; ++channel) {
         vec4 color = color_of(channel, stored_at(channel, p));
 #if ${EDGES}
@@ -21,9 +21,10 @@ vec4 sample_color(Ray ray, vec3 p) {
 #if ${SHADED}
         if (color.a > 0.0) color = shade(color, gradient_at(channel, p), ray.direction_world);
 #endif
-        sum = channel == 0 ? color : blend(sum, color);
+        if (CHANNELS == 1) return color;
+        mix_in(mixture, color);
     }
-    return sum;
+    return color_of_mixture(mixture);
 #endif
 }
 

@@ -14,9 +14,9 @@ vec4 march(Ray ray, Span span, ivec2 samples, vec4 gathered, ivec2 pixel) {
 #if ${RGB}
     return color_of_rgb(vec3(stored_at(0, p), stored_at(1, p), stored_at(2, p)));
 #else
-    vec4 sum = vec4(0);
+    Mixture mixture = NOTHING;
     for (int channel = 0; channel < CHANNELS; ++channel)
-        sum += color_of(channel, stored_at(channel, p));
-    return min(sum, vec4(1));
+        mix_in(mixture, color_of(channel, stored_at(channel, p)));
+    return color_of_mixture(mixture);
 #endif
 }

@@ -29,8 +29,10 @@ void main() {
 #if ${RGB}
         color = color_of_rgb(values.rgb);
 #else
+        Mixture mixture = NOTHING;
         for (int channel = 0; channel < CHANNELS; ++channel)
-            color = blend(color, color_of(channel, values[channel]));
+            mix_in(mixture, color_of(channel, values[channel]));
+        color = color_of_mixture(mixture);
 #endif
     }
     imageStore(picture, pixel, color);

@@ -1,0 +1,94 @@
+"""Which bricks to fetch for a view, in which order: for clients, and for servers that tell them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.camera import Camera
+from octobrick.renderer.frame_plan import Limits, plan_frame, working_set_nbytes
+from octobrick.renderer.render_request import make_request
+from octobrick.renderer.selection import finest_useful_level, ordered
+from octobrick.renderer.transfer_function import TransferFunction
+from octobrick.store.box import Zyx
+
+
+@dataclass(frozen=True, slots=True)
+class WorkingSet:
+    """The bricks that one view needs, at one level.
+
+    Attributes:
+        level: of the pyramid.
+        finest_level_wanted: the one that has a voxel for every pixel.
+        bricks_zyx: (n, 3) the bricks to fetch, in the order of their use: front to back. Those
+            that the caller has are left out.
+        counts: bricks of the level by what became of them: "total" is the sum of "frustum",
+            "clipped", "transparent" and "sampled"; "needed" counts the sampled and the neighbours
+            that interpolation and filters reach into, "had" those of them that the caller has.
+        nbytes: of all that are needed, compressed, of all channels.
+        max_error: largest error of the codec in the bricks that are sampled, in values.
+    """
+
+    level: int
+    finest_level_wanted: int
+    bricks_zyx: NDArray[np.intp]
+    counts: dict[str, int]
+    nbytes: int
+    max_error: float
+
+
+def select(
+    volume: BrickSource,
+    camera: Camera,
+    size: tuple[int, int],
+    transfer_function: TransferFunction,
+    *,
+    budget_nbytes: int = 512 << 20,
+    have: Callable[[int, Zyx], bool] | None = None,
+    **scene: Any,
+) -> WorkingSet:
+    """The bricks that a picture needs: a pure function of its arguments, without GL or I/O.
+
+    The level is the finest that has a voxel for every pixel, or the first coarser one whose bricks
+    fit the budget. Then bricks by frustum, clip planes and what their range of values can show.
+    Leaving the others out changes no pixel; `Renderer.render` uses the same code.
+
+    Args:
+        volume: whose bricks; only its tables of ranges and errors are read.
+        camera: where from.
+        size: (width, height) in pixels.
+        transfer_function: which colour and opacity a value has; or one for each channel.
+        budget_nbytes: for compressed bricks.
+        have: tells for (level, brick) whether the caller has it already.
+        **scene: what else `Renderer.render` takes: mode, window, shading, clip, level, t, c …
+
+    Raises:
+        InvalidInputError: an argument is out of its range.
+    """
+    request = make_request(volume, camera, transfer_function, size, **scene)
+    plan = plan_frame(request, Limits(budget_nbytes))
+    geometry = volume.levels[plan.level]
+    needed = ordered(plan.selection.needed, geometry, volume.brick_shape_zyx, plan.view)
+    wanted = [
+        i
+        for i, (z, y, x) in enumerate(needed.tolist())
+        if have is None or not have(plan.level, (z, y, x))
+    ]
+    errors = [
+        np.asarray(volume.fidelity(plan.level, request.t, channel.c))[..., 0]
+        for channel in request.channels
+    ]
+    sampled = plan.selection.sampled
+    return WorkingSet(
+        plan.level,
+        finest_useful_level(volume, camera, request.size),
+        needed[wanted],
+        plan.selection.counts | {"needed": len(needed), "had": len(needed) - len(wanted)},
+        working_set_nbytes(request, plan),
+        max((float(e[sampled].max()) for e in errors if sampled.any()), default=0.0),
+    )
