@@ -6,7 +6,7 @@ Deblocking: pictures of codes (S3Dc at 2 bits with blocks of 8³, zerobit at 2 %
 picture of the uncompressed volume: PSNR and SSIM without and with the filter, and the mean jump at
 the borders of blocks over that elsewhere. Gradients: pictures of levels 1 and 2, of lossless
 volumes, beside that of level 0, shaded by central differences of what is shown, and by the stored
-pyramid. Steps of 0.5 voxels of level 0, the volume's own window, 30° and 20° around what is visible.
+pyramid. Steps of half a voxel of level 0, the volume's own window, all of what is visible in view.
 """
 
 from __future__ import annotations
