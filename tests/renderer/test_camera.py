@@ -143,3 +143,17 @@ def test_unknown_fields_of_a_camera_are_refused() -> None:
     del data["eye_world_xyz"]
     with pytest.raises(InvalidInputError, match=r"missing fields \['eye_world_xyz'\]"):
         Camera.from_dict(data)
+
+
+def test_turned_cameras_show_the_same_side_of_a_source_however_its_axes_lie() -> None:
+    front = Camera((0.0, -10.0, 2.0), (0.0, 0.0, 2.0))
+    # The volume's x is the source's y, its y is -x, its z stays.
+    direction = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    turned = front.turned(direction)
+    assert turned.eye_world_xyz == pytest.approx((-10.0, 0.0, 2.0))
+    assert turned.target_world_xyz == front.target_world_xyz
+    for mine, theirs in zip(turned.basis_world(), front.basis_world(), strict=True):
+        np.testing.assert_allclose(np.array(direction) @ mine, theirs, atol=1e-12)
+    for wrong in (((1.0, 0.0),), np.zeros((3, 3)).tolist(), [[np.nan] * 3] * 3):
+        with pytest.raises(InvalidInputError, match="direction"):
+            front.turned(wrong)

@@ -7,7 +7,7 @@ LPS order, azimuth 0 and elevation 0 look along +y: a patient's face, from the f
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -155,6 +155,35 @@ class Camera:
         target = _vector(self.target_world_xyz)
         offset = _vector(self.eye_world_xyz) - target
         return replace(self, eye_world_xyz=_xyz(target + offset / factor))
+
+    def turned(self, direction: Sequence[Sequence[float]]) -> Camera:
+        """This view, meant in the space of a source such as a patient's, in the volume's own axes.
+
+        A volume's world axes are those of its array, however the source was oriented. Turned around
+        the target, a camera that shows a patient's face does so however the scanner's slices lay.
+        Of a mirrored direction, the picture is mirrored.
+
+        Args:
+            direction: 3x3, rows (x, y, z) of the source's space; column i is where the volume's
+                axis i (x, y, z) points, as ingest keeps it in ``source.direction``.
+
+        Raises:
+            InvalidInputError: no such matrix, or axes that do not span space.
+        """
+        matrix = np.array(direction, dtype=np.float64)
+        if (
+            matrix.shape != (3, 3)
+            or not np.isfinite(matrix).all()
+            or abs(np.linalg.det(matrix)) < 1e-6
+        ):
+            raise InvalidInputError(
+                f"camera: direction {direction!r} must be 3x3 finite numbers whose columns span "
+                "space"
+            )
+        target = _vector(self.target_world_xyz)
+        offset = np.linalg.solve(matrix, _vector(self.eye_world_xyz) - target)
+        up = np.linalg.solve(matrix, _vector(self.up_world_xyz))
+        return replace(self, eye_world_xyz=_xyz(target + offset), up_world_xyz=_xyz(up))
 
     def basis_world(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Unit vectors (right, up, forward) of the picture in world space."""
