@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.codec import S3dc
+from octobrick.codec import S3dc, Zerobit
 from octobrick.codec.reduce import mean2
 from octobrick.renderer.brick_source import Xyz
 from octobrick.store.box import Box, Zyx, cell_box, grid_of
@@ -36,7 +36,7 @@ class ArraySource:
         self,
         array: Voxels,
         *,
-        codec: S3dc | None = None,
+        codec: S3dc | Zerobit | None = None,
         brick: int | Zyx = 32,
         spacing_xyz: Xyz = (1.0, 1.0, 1.0),
         nlevels: int | None = None,
@@ -92,7 +92,7 @@ class ArraySource:
         pad = [(0, b - n) for b, n in zip(self.brick_shape_zyx, voxels.shape, strict=True)]
         return np.ascontiguousarray(np.pad(voxels, pad, mode="edge"))
 
-    def level_codec(self, level: int) -> S3dc | None:
+    def level_codec(self, level: int) -> S3dc | Zerobit | None:
         return self.codec
 
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:

@@ -3,15 +3,10 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from octobrick.codec import S3dc
 from octobrick.renderer import ShaderError
-from octobrick.renderer.code_layout import CodeLayout
 from octobrick.renderer.shader_source import VERSION_LINE, numbered, shader_source
-
-from .array_source import ArraySource
 
 
 @pytest.fixture
@@ -66,28 +61,3 @@ def test_no_shader_has_an_include_that_is_not_expanded() -> None:
         lines = file.read_text("utf-8").splitlines()
         assert all('#include "' in line for line in lines if "#include" in line)
         assert all(line.startswith("#include") for line in lines if "#include" in line)
-
-
-@pytest.mark.parametrize("bits", range(1, 9))
-@pytest.mark.parametrize("block", [1, 2, 3, 4, 6, 8, 16])
-def test_the_indices_of_a_run_lie_in_two_words_and_one_block(bits: int, block: int) -> None:
-    source = ArraySource(np.zeros((16, 16, 16), np.uint8), codec=S3dc((8, 8, block), bits))
-    layout = CodeLayout.of(source, 0)
-    assert block % layout.run == 0
-    for start in range(0, 64, layout.run):
-        first_bit, end_bit = start * bits, (start + layout.run) * bits
-        words = (end_bit - 1) // 16 - first_bit // 16 + 1
-        assert words <= (2 if layout.crosses_words else 1)
-
-
-@pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16", "float32"])
-@pytest.mark.parametrize("codec", [S3dc(), S3dc((5, 3, 7), 3), None])
-def test_textures_hold_exactly_the_bytes_of_a_brick(dtype: str, codec: S3dc | None) -> None:
-    brick = (9, 14, 21)
-    source = ArraySource(np.ones((9, 14, 21), dtype), codec=codec, brick=brick)
-    code = source.brick_code(0, (0, 0, 0))
-    layout = CodeLayout.of(source, 0)
-    assert code is not None
-    assert layout.code_nbytes == len(code)
-    if codec is not None:
-        assert layout.parts[0].nbytes == codec.end_points_nbytes(brick, np.dtype(dtype))

@@ -1,85 +1,66 @@
-"""Compressed bricks resident in GPU textures, the least recently used making room.
+"""Compressed bricks resident in GPU memory, the least recently used making room.
 
-Bricks of one layout share *pages*: sets of textures with a grid of slots, allocated as they are
-needed up to the byte budget. A frame that needs more bricks than fit gets them in batches, each
-resident until the next is asked for; so any budget works that holds a single brick.
+Bricks of any codec and length lie in *pages*: buffers that shaders read as 32-bit words, allocated
+as they are needed up to the byte budget. A frame that needs more bricks than fit gets them in
+batches, each resident until the next is asked for; so any budget works that holds a single brick.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from octobrick.codec.errors import CorruptBrickError, ResourceError
-from octobrick.renderer.brick_source import BrickSource
-from octobrick.renderer.code_layout import CodeLayout, TexelsXyz
-from octobrick.store.box import Zyx
+from octobrick.codec.errors import ResourceError
+from octobrick.renderer.brick_codes import BrickCodes, LevelAddress
+from octobrick.renderer.free_list import FreeList
+from octobrick.store.box import Zyx, ceil_div
 
 if TYPE_CHECKING:
     import moderngl
 
-PAGE_NBYTES: Final = 16 << 20
-"""Large enough that a frame touches few pages, small enough to waste little on a small volume."""
-PAGE_SIDE_TEXELS: Final = 2048
-"""Every driver of OpenGL 4.5 allows at least this along each side of a 3D texture."""
-PAGE_SIDE_SLOTS: Final = 8
-"""Slots along a page's x and y: bricks of up to 256 voxels, the largest there are, fit."""
+PAGE_NBYTES_MIN: Final = 16 << 20
+"""Small enough to waste little on a small volume."""
+PAGE_SHARE: Final = 4
+"""A new page may have this part of what is allocated: a frame then touches few pages of any pool,
+and as long as that is below 256 MiB a page has at most 64."""
+PAGE_NBYTES_MAX: Final = (2 << 30) - 16
+"""Shaders count the bits of a page's words in what is left of 32-bit integers."""
+ALIGNMENT: Final = 16
+"""Of a brick's first byte, and of what it takes: it begins and ends between words."""
 ABSENT_MAX: Final = 1 << 16
 """Absent bricks remembered, so that a sparse volume is not looked up anew in every frame."""
 
-Address = tuple[str, int, int, int, Zyx]
-"""(revision, level, t, c, brick): never changes its bytes."""
+Address = tuple[LevelAddress, Zyx]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Page:
-    """Textures of one layout, each with the same grid of slots."""
+    """A buffer, and what of it is free. The bytes of a brick lie in one piece."""
 
-    layout: CodeLayout
-    slots_xyz: TexelsXyz
-    textures: tuple[moderngl.Texture3D, ...]
-    free: list[int] = field(default_factory=list)
-
-    @property
-    def nslots(self) -> int:
-        """Bricks that the page holds."""
-        x, y, z = self.slots_xyz
-        return x * y * z
-
-    @property
-    def nbytes(self) -> int:
-        """GPU memory of the page."""
-        return self.nslots * self.layout.code_nbytes
-
-    def texel_of(self, slot: int, part: int) -> TexelsXyz:
-        """The first texel of a slot in the texture of one part."""
-        nx, ny, _ = self.slots_xyz
-        x, y, z = self.layout.parts[part].texels_xyz
-        return (slot % nx * x, slot // nx % ny * y, slot // (nx * ny) * z)
-
-    def write(self, slot: int, code: bytes) -> None:
-        """Upload a brick's bytes as they are."""
-        at = 0
-        for i, (part, texture) in enumerate(zip(self.layout.parts, self.textures, strict=True)):
-            piece = memoryview(code)[at : at + part.nbytes]
-            texture.write(piece, viewport=(*self.texel_of(slot, i), *part.texels_xyz))
-            at += part.nbytes
-
-    def release(self) -> None:
-        """Free the textures."""
-        for texture in self.textures:
-            texture.release()
+    def __init__(self, gl: moderngl.Context, nbytes: int) -> None:
+        self.nbytes = nbytes
+        self.buffer = gl.buffer(reserve=nbytes)
+        self.free = FreeList(nbytes)
 
 
 @dataclass(frozen=True, slots=True)
 class Resident:
-    """A brick in its slot; no page where the brick is absent."""
+    """A brick in its place; no page where the brick is absent."""
 
     brick_zyx: Zyx
     page: Page | None
-    slot: int
+    offset_nbytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a brick lies, and how much of the page it takes."""
+
+    page: Page
+    offset_nbytes: int
+    nbytes: int
+    code_nbytes: int
 
 
 class BrickPool:
@@ -88,154 +69,145 @@ class BrickPool:
     Args:
         gl: the context, current in this thread whenever the pool is used.
         budget_nbytes: GPU memory for compressed bricks.
+        page_nbytes_max: the longest buffer that a shader can read; None asks the driver.
     """
 
-    def __init__(self, gl: moderngl.Context, budget_nbytes: int) -> None:
+    def __init__(
+        self, gl: moderngl.Context, budget_nbytes: int, page_nbytes_max: int | None = None
+    ) -> None:
         self._gl = gl
         self._budget_nbytes = budget_nbytes
+        limit = page_nbytes_max or int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        self._page_nbytes_max = min(limit, PAGE_NBYTES_MAX) // ALIGNMENT * ALIGNMENT
         self._pages: list[Page] = []
-        self._slots: OrderedDict[Address, tuple[Page, int]] = OrderedDict()  # oldest use first
+        self._places: OrderedDict[Address, _Place] = OrderedDict()  # oldest use first
         self._absent: set[Address] = set()
+        self.resident_nbytes = 0
+        """Bytes of compressed bricks that are resident, without what lies between them."""
         self.uploaded_nbytes = 0
         """Since the pool was made."""
-
-    @property
-    def resident_nbytes(self) -> int:
-        """Bytes of compressed bricks that are resident, without empty slots."""
-        return sum(page.layout.code_nbytes for page, _ in self._slots.values())
 
     @property
     def allocated_nbytes(self) -> int:
         """GPU memory held, never above the budget."""
         return sum(page.nbytes for page in self._pages)
 
-    def batches(
-        self, source: BrickSource, level: int, t: int, c: int, bricks: Sequence[Zyx]
-    ) -> Iterator[list[Resident]]:
+    def batches(self, codes: BrickCodes, bricks: Sequence[Zyx]) -> Iterator[list[Resident]]:
         """The bricks, in batches that are resident until the next one is asked for.
 
         Raises:
-            CorruptBrickError: the source gave a brick of the wrong length.
+            CorruptBrickError: what a source gave is no code of a brick.
             ResourceError: the budget does not hold a single brick.
         """
-        layout = CodeLayout.of(source, level)
-        address = {zyx: (source.revision, level, t, c, zyx) for zyx in bricks}
-        here = [zyx for zyx in bricks if address[zyx] in self._slots]
-        missing = [zyx for zyx in bricks if address[zyx] not in self._slots]
+        address = {zyx: (codes.address, zyx) for zyx in bricks}
+        here = [zyx for zyx in bricks if address[zyx] in self._places]
+        missing = [zyx for zyx in bricks if address[zyx] not in self._places]
         if here:  # first, before anything that is loaded can push them out
             yield [self._touch(address[zyx]) for zyx in here]
         batch: list[Resident] = []
         pinned: set[Address] = set()
         for zyx in missing:
-            code = self._read(source, address[zyx], layout)
+            code = self._read(codes, address[zyx])
             if code is None:
                 batch.append(Resident(zyx, None, 0))
                 continue
-            place = self._take_slot(layout, pinned)
+            place = self._take(len(code), pinned)
             if place is None:  # full of this batch: let the caller use it, then start anew
-                yield batch
+                if batch:
+                    yield batch
                 batch, pinned = [], set()
-                place = self._take_slot(layout, pinned)
+                place = self._take(len(code), pinned)
             if place is None:
-                raise ResourceError(
-                    f"a brick takes {layout.code_nbytes} bytes, more than the "
-                    f"{self._budget_nbytes} bytes kept for bricks; raise memory_budget",
-                    brick_nbytes=layout.code_nbytes,
-                    budget_nbytes=self._budget_nbytes,
-                )
-            page, slot = place
-            page.write(slot, code)
+                raise self._too_large(len(code))
+            page, offset = place.page, place.offset_nbytes
+            page.buffer.write(code.ljust(4 * ceil_div(len(code), 4), b"\0"), offset=offset)
             self.uploaded_nbytes += len(code)
-            self._slots[address[zyx]] = place
+            self.resident_nbytes += len(code)
+            self._places[address[zyx]] = place
             pinned.add(address[zyx])
-            batch.append(Resident(zyx, page, slot))
+            batch.append(Resident(zyx, page, offset))
         if batch:
             yield batch
 
     def release(self) -> None:
-        """Free all textures."""
+        """Free all pages."""
         for page in self._pages:
-            page.release()
+            page.buffer.release()
         self._pages.clear()
-        self._slots.clear()
+        self._places.clear()
         self._absent.clear()
+        self.resident_nbytes = 0
 
     def _touch(self, address: Address) -> Resident:
-        self._slots.move_to_end(address)
-        page, slot = self._slots[address]
-        return Resident(address[4], page, slot)
+        self._places.move_to_end(address)
+        place = self._places[address]
+        return Resident(address[1], place.page, place.offset_nbytes)
 
-    def _read(self, source: BrickSource, address: Address, layout: CodeLayout) -> bytes | None:
+    def _read(self, codes: BrickCodes, address: Address) -> bytes | None:
         if address in self._absent:
             return None
-        _, level, t, c, zyx = address
-        code = source.brick_code(level, zyx, t, c)
+        code = codes.upload(address[1])
         if code is None:
             if len(self._absent) >= ABSENT_MAX:
                 self._absent.clear()
             self._absent.add(address)
-            return None
-        if len(code) != layout.code_nbytes:
-            raise CorruptBrickError(
-                f"brick {zyx} of level {level}: {len(code)} bytes of code, expected "
-                f"{layout.code_nbytes} for {layout.dtype} bricks of {layout.brick_zyx}; fetch it "
-                "again or re-ingest the volume",
-                level=level,
-                brick_zyx=list(zyx),
-                nbytes=len(code),
-                expected_nbytes=layout.code_nbytes,
-            )
         return code
 
-    def _take_slot(self, layout: CodeLayout, pinned: set[Address]) -> tuple[Page, int] | None:
-        """A slot to write to; None where only evicting a pinned brick could make one."""
+    def _take(self, code_nbytes: int, pinned: set[Address]) -> _Place | None:
+        """Room for a brick; None where only evicting a pinned one could make it."""
+        nbytes = ALIGNMENT * ceil_div(code_nbytes, ALIGNMENT)
         for page in self._pages:
-            if page.layout == layout and page.free:
-                return page, page.free.pop()
-        room = self._budget_nbytes - self.allocated_nbytes
-        while room < layout.code_nbytes and self._drop_page_of_other_layout(layout):
-            room = self._budget_nbytes - self.allocated_nbytes
-        if room >= layout.code_nbytes:
-            page = self._allocate(layout, min(room, PAGE_NBYTES))
-            return page, page.free.pop()
-        for address, (page, slot) in self._slots.items():
-            if page.layout == layout and address not in pinned:
-                del self._slots[address]
-                return page, slot
-        return None
+            if place := self._place_in(page, nbytes, code_nbytes):
+                return place
+        place = self._place_in(self._room(nbytes), nbytes, code_nbytes)
+        # Those of the batch were put in last: if the oldest is one of them, so are all.
+        while place is None and self._places and next(iter(self._places)) not in pinned:
+            place = self._place_in(self._evict_oldest(nbytes), nbytes, code_nbytes)
+        return place
 
-    def _drop_page_of_other_layout(self, layout: CodeLayout) -> bool:
-        """Give up a page of another layout, that with the longest unused brick; False if none."""
-        others = [page for page in self._pages if page.layout != layout]
-        if not others:
-            return False
-        oldest = next((p for p, _ in self._slots.values() if p.layout != layout), others[0])
-        for address in [a for a, (page, _) in self._slots.items() if page is oldest]:
-            del self._slots[address]
-        self._pages.remove(oldest)
-        oldest.release()
-        return True
+    @staticmethod
+    def _place_in(page: Page | None, nbytes: int, code_nbytes: int) -> _Place | None:
+        offset = None if page is None else page.free.take(nbytes)
+        if page is None or offset is None:
+            return None
+        return _Place(page, offset, nbytes, code_nbytes)
 
-    def _allocate(self, layout: CodeLayout, nbytes: int) -> Page:
-        n, side = max(nbytes // layout.code_nbytes, 1), PAGE_SIDE_SLOTS
-        deepest = max(PAGE_SIDE_TEXELS // layout.brick_zyx[0], 1)
-        slots_xyz = (
-            min(n, side),
-            min(max(n // side, 1), side),
-            min(max(n // side**2, 1), deepest),
-        )
-        textures = tuple(
-            self._gl.texture3d(
-                (slots_xyz[0] * x, slots_xyz[1] * y, slots_xyz[2] * z),
-                part.components,
-                dtype=part.gl_dtype,
-            )
-            for part in layout.parts
-            for x, y, z in [part.texels_xyz]
-        )
-        for texture in textures:  # integer textures are incomplete with any other filter
-            texture.filter = (self._gl.NEAREST, self._gl.NEAREST)
-        page = Page(layout, slots_xyz, textures)
-        page.free.extend(reversed(range(page.nslots)))
+    def _evict_oldest(self, nbytes: int) -> Page | None:
+        """Give up a brick; a page that may have room for another now."""
+        _, place = self._places.popitem(last=False)
+        page = place.page
+        self.resident_nbytes -= place.code_nbytes
+        page.free.give_back(place.offset_nbytes, place.nbytes)
+        if not page.free.is_empty or page.nbytes >= nbytes:
+            return page
+        self._pages.remove(page)  # empty, and yet too small: room for another
+        page.buffer.release()
+        return self._room(nbytes)
+
+    def _room(self, nbytes: int) -> Page | None:
+        """A new page that holds a brick, where the budget has room for it."""
+        allocated = self.allocated_nbytes
+        wanted = max(PAGE_NBYTES_MIN, allocated // PAGE_SHARE, nbytes)
+        size = min(wanted, self._budget_nbytes - allocated, self._page_nbytes_max)
+        size = size // ALIGNMENT * ALIGNMENT
+        if size < nbytes:
+            return None
+        page = Page(self._gl, size)
         self._pages.append(page)
         return page
+
+    def _too_large(self, nbytes: int) -> ResourceError:
+        if ALIGNMENT * ceil_div(nbytes, ALIGNMENT) > self._page_nbytes_max:
+            return ResourceError(
+                f"a brick takes {nbytes} bytes, more than the {self._page_nbytes_max} bytes that "
+                "this driver's shaders can read in one piece; ingest the volume with smaller "
+                "bricks",
+                brick_nbytes=nbytes,
+                page_nbytes_max=self._page_nbytes_max,
+            )
+        return ResourceError(
+            f"a brick takes {nbytes} bytes, more than the {self._budget_nbytes} bytes kept for "
+            "bricks; raise memory_budget",
+            brick_nbytes=nbytes,
+            budget_nbytes=self._budget_nbytes,
+        )

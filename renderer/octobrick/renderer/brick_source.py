@@ -19,7 +19,11 @@ Xyz = tuple[float, float, float]
 
 @runtime_checkable
 class BlockCode(Protocol):
-    """The parameters of S3Dc that fix the layout of a brick's bytes."""
+    """S3Dc at a fixed rate with a linear scale, by the parameters that fix a brick's bytes.
+
+    `octobrick.codec.S3dc` is one; a source that does not have it may give its own. All other codes
+    are known by their codec, `S3dc` or `octobrick.codec.Zerobit`.
+    """
 
     @property
     def block(self) -> tuple[int, int, int]:
@@ -27,11 +31,11 @@ class BlockCode(Protocol):
 
     @property
     def bits(self) -> int | None:
-        """Bits of an index, 1 to 8; None where every block has its own, which nothing draws yet."""
+        """Bits of an index, 1 to 8; None where every block has its own."""
 
     @property
     def scale(self) -> str:
-        """How indices lie between end points; only "linear" is drawn yet."""
+        """How indices lie between end points: "linear"."""
 
 
 class SourceLevel(Protocol):
@@ -99,17 +103,28 @@ class BrickSource(Protocol):
         """Changes whenever any brick's bytes do."""
 
     def level_codec(self, level: int) -> object:
-        """A `BlockCode` of a level's bricks; None where these are raw little-endian voxels.
+        """The codec of a level's bricks; None where these are raw little-endian voxels.
 
-        Anything else, such as zerobit, is not drawn by itself: the volume then has a method
-        ``brick`` that gives decoded voxels, as `octobrick.store.Volume` does.
+        `octobrick.codec.S3dc`, `octobrick.codec.Zerobit` or a `BlockCode`. Of anything else the
+        volume has a method ``brick`` that gives decoded voxels.
         """
 
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
-        """S3Dc code or raw voxels, ready for upload; None for an absent brick."""
+        """The codec's code or raw voxels, ready for upload; None for an absent brick."""
 
     def ranges(self, level: int, t: int = 0, c: int = 0) -> NDArray[Any]:
         """Minimum and maximum per brick, one voxel wider than the brick: (nz, ny, nx, 2)."""
 
     def fidelity(self, level: int, t: int = 0, c: int = 0) -> NDArray[Any]:
         """Largest error and RMSE per brick of decoded against original: (nz, ny, nx, 2)."""
+
+
+class GradientSource(Protocol):
+    """The directions of a volume's gradients: `octobrick.store.StoredGradients`, or alike."""
+
+    @property
+    def brick_shape_zyx(self) -> Zyx:
+        """Voxels of a brick along each axis, those of the volume's."""
+
+    def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        """Three bytes a voxel, x fastest; None where no voxel of the brick has a direction."""

@@ -181,8 +181,9 @@ class Camera:
                 "space"
             )
         target = _vector(self.target_world_xyz)
-        offset = np.linalg.solve(matrix, _vector(self.eye_world_xyz) - target)
-        up = np.linalg.solve(matrix, _vector(self.up_world_xyz))
+        into_volume: NDArray[np.float64] = np.linalg.inv(matrix)
+        offset = into_volume @ (_vector(self.eye_world_xyz) - target)
+        up = into_volume @ _vector(self.up_world_xyz)
         return replace(self, eye_world_xyz=_xyz(target + offset), up_world_xyz=_xyz(up))
 
     def basis_world(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -1,12 +1,13 @@
-"""Volumes whose codes the GPU does not decode yet, as volumes of raw bricks."""
+"""Volumes whose codes the GPU does not decode, as volumes of raw bricks."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol, TypeGuard, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from octobrick.codec import S3dc, Zerobit
 from octobrick.renderer.brick_source import BlockCode, BrickSource
 from octobrick.store.box import Zyx
 
@@ -29,7 +30,7 @@ class DecodedBricks:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._volume, name)
 
-    def level_codec(self, level: int) -> BlockCode | None:
+    def level_codec(self, level: int) -> object:
         """The codec of a level whose bricks come as they are stored; None for raw voxels."""
         codec = self._volume.level_codec(level)
         return codec if is_drawn(codec) else None
@@ -44,8 +45,10 @@ class DecodedBricks:
         return np.ascontiguousarray(voxels, voxels.dtype.newbyteorder("<")).tobytes()
 
 
-def is_drawn(codec: object) -> TypeGuard[BlockCode]:
-    """Whether the GPU decodes codes of this codec: S3Dc at a fixed rate, with a linear scale."""
+def is_drawn(codec: object) -> bool:
+    """Whether the GPU decodes codes of this codec: all forms of S3Dc, and zerobit of scalars."""
+    if isinstance(codec, (S3dc, Zerobit)):
+        return True
     return isinstance(codec, BlockCode) and codec.bits is not None and codec.scale == "linear"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.renderer.brick_ranges import BrickRanges, brick_ranges
-from octobrick.renderer.brick_source import SourceLevel
+from octobrick.renderer.brick_source import BrickSource, SourceLevel
 from octobrick.renderer.classifier import Classifier, ValueScale
 from octobrick.renderer.code_layout import CodeLayout
 from octobrick.renderer.errors import PictureTooLargeError
@@ -92,10 +92,24 @@ def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> 
 
 def working_set_nbytes(request: RenderRequest, plan: FramePlan) -> int:
     """Bytes of the bricks that the plan needs, compressed, of all channels, with directions."""
-    nbytes = CodeLayout.of(request.volume, plan.level).code_nbytes
+    nbytes = brick_nbytes(request.volume, plan.level)
     if plan.layout.directions:
         nbytes += 3 * math.prod(request.volume.brick_shape_zyx)
     return int(plan.selection.needed.sum()) * nbytes * len(request.channels)
+
+
+STORED_TO_CODE = 1.5
+"""What the entropy layer takes off codes with a width per block, and off zerobit's, at most."""
+
+
+def brick_nbytes(volume: BrickSource, level: int) -> int:
+    """Bytes of a compressed brick; where each has its own number, about the mean."""
+    layout = CodeLayout.of(volume, level)
+    stored_nbytes = getattr(volume.levels[level], "stored_nbytes", None)
+    if layout.has_one_size or stored_nbytes is None:
+        return layout.code_nbytes
+    mean = STORED_TO_CODE * stored_nbytes / math.prod(volume.levels[level].grid_zyx)
+    return min(layout.code_nbytes, math.ceil(mean / (volume.nt * volume.nc)))
 
 
 def plan_level(

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from octobrick.renderer.brick_codes import BrickCodes
 from octobrick.renderer.brick_pool import BrickPool
-from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.brick_source import BrickSource, GradientSource
+from octobrick.renderer.classifier import ValueScale
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.slab_buffer import SlabBuffer
-from octobrick.renderer.slab_decoder import SlabDecoder
-from octobrick.renderer.slab_filler import DirectionSource, Filled, SlabContent
+from octobrick.renderer.slab_decoder import SlabDecoder, Target
+from octobrick.renderer.slab_filler import Filled, SlabContent
 from octobrick.store.box import Zyx
 
 if TYPE_CHECKING:
     import moderngl
+
+NO_DIRECTION_STORED: Final = 128 / 255
+"""The byte that each component of a zero gradient has, docs/spec/gradient-code.md."""
 
 
 class GpuFiller:
@@ -37,19 +42,39 @@ class GpuFiller:
         if slab.holds(content, bricks):
             return Filled()
         slab.held = None
-        filled = self._decoder.decode(source, self._pool, slab, content, bricks)
+        codes = BrickCodes.of_voxels(source, content.level, content.t, content.c)
+        scale = ValueScale.of(source.dtype, source.value_range)
+        target = _target(slab, content, scale.to_stored(source.fill_value), source.value_range)
+        filled = self._decoder.decode(codes, self._pool, target, bricks)
         slab.held, slab.held_bricks = content, frozenset(bricks)
         return filled
 
     def fill_directions(
         self,
-        gradients: DirectionSource,
+        gradients: GradientSource,
         slab: SlabBuffer,
         content: SlabContent,
         bricks: Sequence[Zyx],
     ) -> Filled:
-        """Decode the bricks' directions into the slab."""
-        raise NotImplementedError
+        """Make the slab, of the format `DIRECTIONS`, hold the codes of gradients' directions.
+
+        Where a brick is absent, every voxel has the code of no direction. A slab that has all of
+        them already is left alone.
+
+        Raises:
+            CorruptBrickError: a brick is damaged.
+            ResourceError: the budget does not hold a single brick.
+        """
+        if slab.holds(content, bricks):
+            return Filled()
+        slab.held = None
+        codes = BrickCodes.of_directions(
+            gradients, content.revision, content.level, content.t, content.c
+        )
+        target = _target(slab, content, NO_DIRECTION_STORED, (0.0, 1.0))
+        filled = self._decoder.decode(codes, self._pool, target, bricks)
+        slab.held, slab.held_bricks = content, frozenset(bricks)
+        return filled
 
     @property
     def uploaded_nbytes(self) -> int:
@@ -58,7 +83,7 @@ class GpuFiller:
 
     @property
     def resident_nbytes(self) -> int:
-        """Bytes of compressed bricks on the GPU, without empty slots."""
+        """Bytes of compressed bricks on the GPU, without what lies between them."""
         return self._pool.resident_nbytes
 
     @property
@@ -69,3 +94,15 @@ class GpuFiller:
     def forget(self) -> None:
         """Free the GPU memory of all bricks."""
         self._pool.release()
+
+
+def _target(
+    slab: SlabBuffer,
+    content: SlabContent,
+    fill_stored: float,
+    value_range: tuple[float, float],
+) -> Target:
+    """The whole slab, which was made for the content's voxels."""
+    assert slab.texture is not None
+    assert slab.format is not None
+    return Target(slab.texture, slab.format, content.box, fill_stored, value_range)

@@ -1,123 +1,231 @@
-"""Decodes resident bricks into the slab buffer, on the GPU: integers bit for bit as the codec."""
+"""Decodes resident bricks into a texture, on the GPU: integers bit for bit as the codec."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from octobrick.codec import Zerobit
+from octobrick.renderer.brick_codes import BrickCodes
 from octobrick.renderer.brick_pool import BrickPool, Page, Resident
-from octobrick.renderer.brick_source import BrickSource
-from octobrick.renderer.classifier import ValueScale
-from octobrick.renderer.code_layout import ROWS, CodeLayout
+from octobrick.renderer.code_layout import ROWS, RUN_MAX, CodeLayout, fill_values
 from octobrick.renderer.context import GraphicsContext
-from octobrick.renderer.slab_buffer import PARTS_BUFFER, SLAB_IMAGE, SlabBuffer
-from octobrick.renderer.slab_filler import Filled, SlabContent
+from octobrick.renderer.slab_buffer import PARTS_BUFFER, SLAB_IMAGE
+from octobrick.renderer.slab_filler import Filled
+from octobrick.renderer.slab_format import SlabFormat
 from octobrick.renderer.uniforms import run_over, set_uniforms
-from octobrick.store.box import Box, Zyx, cell_box
+from octobrick.store.box import Box, Zyx, ceil_div, cell_box
 
 if TYPE_CHECKING:
     import moderngl
 
+CODES_BUFFER: Final = 1
+CODEBOOK_BUFFER: Final = 2
 PARTS_MAX: Final = 1024
 """Bricks of one dispatch: 80 KiB of records."""
 PART_NBYTES: Final = 80
 WORKGROUPS_MAX: Final = 65535
 """Along an axis, what OpenGL promises at least; parts lie behind each other along z."""
+WORD_NBYTES: Final = 4
+ZEROBIT_HEADER_NBYTES: Final = 64
+"""Where a codebook begins that is in a code (docs/spec/zerobit.md)."""
+SHARED_HEADER_NBYTES: Final = 16
+"""Where the codewords begin in one that many codes share."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What is decoded into.
+
+    Attributes:
+        texture: with the box's first voxel in its first texel.
+        texel: the texture's format.
+        box: the voxels that are wanted.
+        fill_stored: what the voxels of absent bricks become.
+        value_range: of a volume of float32: what is stored as 0 and 1.
+    """
+
+    texture: moderngl.Texture3D
+    texel: SlabFormat
+    box: Box
+    fill_stored: float
+    value_range: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Bricks of cells, of which a box is wanted; one invocation handles some of each brick.
+
+    Attributes:
+        brick_zyx: cells of a brick: its voxels, or its blocks.
+        box: the cells that are wanted.
+        per_invocation_zyx: cells.
+    """
+
+    brick_zyx: Zyx
+    box: Box
+    per_invocation_zyx: Zyx
+
+
+Program = Callable[[Page | None], "moderngl.ComputeShader"]
+"""Makes ready what handles the bricks of a page, or absent ones."""
+BatchDone = Callable[[Sequence[Resident]], None]
 
 
 class SlabDecoder:
-    """Fills a slab buffer with the decoded voxels of bricks."""
+    """Fills textures with the decoded voxels of bricks.
+
+    Args:
+        context: where the textures live.
+        gl: the same, current in this thread.
+    """
 
     def __init__(self, context: GraphicsContext, gl: moderngl.Context) -> None:
         self._context = context
         self._gl = gl
         self._parts = gl.buffer(reserve=PARTS_MAX * PART_NBYTES)
+        self._codebook: tuple[bytes, moderngl.Buffer] | None = None
 
     def decode(
         self,
-        source: BrickSource,
+        codes: BrickCodes,
         pool: BrickPool,
-        slab: SlabBuffer,
-        content: SlabContent,
+        target: Target,
         bricks: Sequence[Zyx],
+        batch_done: BatchDone | None = None,
     ) -> Filled:
-        """Make the slab hold the voxels of the content's box that lie in these bricks.
+        """Make the texture hold the voxels of the target's box that lie in these bricks.
 
-        What the slab holds elsewhere is left as it was.
+        What the texture holds elsewhere is left as it was.
+
+        Args:
+            codes: of the bricks.
+            pool: where they are, or are brought.
+            target: what is decoded into.
+            bricks: which.
+            batch_done: called when the decoding of some was asked for, and they are still resident.
         """
-        filled, box = Filled(nbricks=len(bricks)), content.box
-        for batch in pool.batches(source, content.level, content.t, content.c, bricks):
-            groups: dict[tuple[Page | None, Zyx], list[tuple[Resident, Box]]] = defaultdict(list)
+        filled, layout = Filled(nbricks=len(bricks)), codes.layout
+        voxels = Grid(layout.brick_zyx, target.box, layout.per_invocation_zyx)
+        absent = Grid(layout.brick_zyx, target.box, (1, ROWS, RUN_MAX))
+
+        def program(page: Page | None) -> moderngl.ComputeShader:
+            if page is None:
+                return self._fill_program(target)
+            return self._decode_program(layout, target)
+
+        for batch in pool.batches(codes, bricks):
             for brick in batch:
-                part = cell_box(brick.brick_zyx, source.brick_shape_zyx).intersect(box)
-                groups[brick.page, part.shape_zyx].append((brick, part))
+                part = cell_box(brick.brick_zyx, layout.brick_zyx).intersect(target.box)
                 filled.nvoxels += part.nvoxels
                 filled.nabsent += brick.page is None
-            for (page, _), members in groups.items():
-                n = min(PARTS_MAX, WORKGROUPS_MAX // members[0][1].shape_zyx[0])
-                for i in range(0, len(members), n):
-                    self._dispatch(source, slab, box, page, members[i : i + n])
+            present = [brick for brick in batch if brick.page is not None]
+            self.run(program, layout, target.texture, voxels, present)
+            self.run(program, layout, target.texture, absent, [b for b in batch if b.page is None])
+            if batch_done is not None:
+                batch_done(batch)
         self._gl.memory_barrier()
         return filled
 
+    def run(
+        self,
+        program: Program,
+        layout: CodeLayout,
+        texture: moderngl.Texture3D,
+        grid: Grid,
+        bricks: Sequence[Resident],
+    ) -> None:
+        """Run a program over the wanted cells of resident bricks, those of a page together."""
+        groups: dict[tuple[Page | None, Zyx], list[tuple[Resident, Box]]] = defaultdict(list)
+        for brick in bricks:
+            part = cell_box(brick.brick_zyx, grid.brick_zyx).intersect(grid.box)
+            if part.nvoxels:
+                groups[brick.page, part.shape_zyx].append((brick, part))
+        for (page, shape_zyx), members in groups.items():
+            ready = program(page)
+            self._bind(layout, page)
+            texture.bind_to_image(SLAB_IMAGE, read=False, write=True)
+            deepest = shape_zyx[0] + 2 * grid.per_invocation_zyx[0]
+            n = min(PARTS_MAX, WORKGROUPS_MAX // deepest)
+            for i in range(0, len(members), n):
+                self._dispatch(ready, layout, grid, members[i : i + n])
+
     def _dispatch(
         self,
-        source: BrickSource,
-        slab: SlabBuffer,
-        content: Box,
-        page: Page | None,
+        program: moderngl.ComputeShader,
+        layout: CodeLayout,
+        grid: Grid,
         members: list[tuple[Resident, Box]],
     ) -> None:
-        """Decode parts of the same shape from one page."""
-        layout = page.layout if page is not None else CodeLayout.of(source, 0)
-        run = layout.run
+        """Handle parts of the same shape from one page."""
+        step = np.array(grid.per_invocation_zyx)
+        starts = np.array([part.start_zyx for _, part in members])
+        bricks = np.array([brick.brick_zyx for brick, _ in members]) * grid.brick_zyx
+        first = starts - bricks
+        stop = first + members[0][1].shape_zyx
+        aligned = first // step * step
         records = np.zeros((len(members), PART_NBYTES // 16, 4), np.int32)
-        for record, (brick, part) in zip(records, members, strict=True):
-            brick_box = cell_box(brick.brick_zyx, layout.brick_zyx)
-            first = part.shift(_negative(brick_box.start_zyx)).start_zyx
-            if page is not None:
-                record[0, :3] = page.texel_of(brick.slot, len(layout.parts) - 1)
-                record[1, :3] = page.texel_of(brick.slot, 0)
-            record[2, :3] = brick_box.shift(_negative(content.start_zyx)).start_zyx[::-1]
-            record[3, :3] = (first[2] // run * run, first[1], first[0])
-            record[4, :2] = (first[2], first[2] + part.shape_zyx[2])
-        # Parts of one shape may start at different places of a run; the widest decides.
-        width = int((records[:, 4, 1] - records[:, 3, 0]).max())
-        depth, height, _ = members[0][1].shape_zyx
-        program = self._program(source, layout, page)
+        offsets = np.array([brick.offset_nbytes for brick, _ in members], np.int64)
+        records[:, 0, 0] = offsets // WORD_NBYTES
+        records[:, 0, 1] = self._codebook_word(layout, offsets)
+        records[:, 1, 0], records[:, 1, 1] = first[:, 1], stop[:, 1]
+        records[:, 1, 2], records[:, 1, 3] = first[:, 0], stop[:, 0]
+        records[:, 2, :3] = (bricks - grid.box.start_zyx)[:, ::-1]
+        records[:, 3, :3] = aligned[:, ::-1]
+        records[:, 4, 0], records[:, 4, 1] = first[:, 2], stop[:, 2]
+        # Parts of one shape may start at different places of an invocation; the widest decides.
+        depth, height, width = (int(n) for n in (stop - aligned).max(axis=0))
+        dz, dy, dx = grid.per_invocation_zyx
+        depth = ceil_div(depth, dz) * dz
         set_uniforms(program, {"part_size": (width, height, depth)})
         self._parts.write(records.tobytes())
         self._parts.bind_to_storage_buffer(PARTS_BUFFER)
-        assert slab.texture is not None
-        slab.texture.bind_to_image(SLAB_IMAGE, read=False, write=True)
-        run_over(program, (-(-width // run), -(-height // ROWS), depth * len(members)))
+        run_over(program, (ceil_div(width, dx), ceil_div(height, dy), depth // dz * len(members)))
 
-    def _program(
-        self, source: BrickSource, layout: CodeLayout, page: Page | None
-    ) -> moderngl.ComputeShader:
+    @staticmethod
+    def _codebook_word(layout: CodeLayout, offsets: np.ndarray) -> np.ndarray | int:
+        """The first codeword: in the code, or in what the codes share."""
+        if isinstance(layout.codec, Zerobit) and layout.codec.codebook is not None:
+            return SHARED_HEADER_NBYTES // WORD_NBYTES
+        return (offsets + ZEROBIT_HEADER_NBYTES) // WORD_NBYTES
+
+    def _bind(self, layout: CodeLayout, page: Page | None) -> None:
+        """Let the shader see the bytes of a page, and the codebook."""
         if page is None:
-            scale = ValueScale.of(source.dtype, source.value_range)
-            program = self._context.program("fill.comp.glsl", **layout.fill_values())
-            set_uniforms(program, {"fill_stored": scale.to_stored(source.fill_value)})
-            return program
-        name = "decode_raw.comp.glsl" if layout.block_zyx is None else "decode_s3dc.comp.glsl"
-        program = self._context.program(name, **layout.decoder_values())
-        for unit, (part, texture) in enumerate(zip(layout.parts, page.textures, strict=True)):
-            texture.use(unit)
-            set_uniforms(program, {part.name: unit})
+            return
+        page.buffer.bind_to_storage_buffer(CODES_BUFFER)
+        if not isinstance(layout.codec, Zerobit):
+            return
+        if layout.codec.codebook is None:
+            page.buffer.bind_to_storage_buffer(CODEBOOK_BUFFER)
+            return
+        data = layout.codec.codebook.data
+        if self._codebook is None or self._codebook[0] != data:
+            if self._codebook is not None:
+                self._codebook[1].release()
+            padded = data.ljust(ceil_div(len(data), WORD_NBYTES) * WORD_NBYTES, b"\0")
+            self._codebook = (data, self._gl.buffer(padded))
+        self._codebook[1].bind_to_storage_buffer(CODEBOOK_BUFFER)
+
+    def _fill_program(self, target: Target) -> moderngl.ComputeShader:
+        program = self._context.program("fill.comp.glsl", **fill_values(target.texel))
+        set_uniforms(program, {"fill_stored": target.fill_stored})
+        return program
+
+    def _decode_program(self, layout: CodeLayout, target: Target) -> moderngl.ComputeShader:
+        program = self._context.program(layout.decoder, **layout.decoder_values(target.texel))
         if layout.dtype == "float32":
-            low, high = source.value_range
+            low, high = target.value_range
             set_uniforms(program, {"value_range": (float(low), float(high))})
         return program
 
     def release(self) -> None:
-        """Free the record buffer."""
+        """Free the buffers."""
         self._parts.release()
-
-
-def _negative(zyx: Zyx) -> Zyx:
-    z, y, x = zyx
-    return (-z, -y, -x)
+        if self._codebook is not None:
+            self._codebook[1].release()
+            self._codebook = None

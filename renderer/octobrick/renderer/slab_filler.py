@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.brick_source import BrickSource, GradientSource
 from octobrick.store.box import Box, Zyx
 
 if TYPE_CHECKING:
@@ -58,17 +58,6 @@ class Filled:
         self.nsubstituted += other.nsubstituted
 
 
-class DirectionSource(Protocol):
-    """The stored gradients of a volume, such as `octobrick.store.StoredGradients`."""
-
-    @property
-    def levels(self) -> Sequence[int]:
-        """Which levels have gradients."""
-
-    def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
-        """A brick's codes, three bytes a voxel; None where no voxel has a direction."""
-
-
 class SlabFiller(Protocol):
     """Keeps bricks compressed under a byte budget and decodes them into slab buffers."""
 
@@ -86,7 +75,7 @@ class SlabFiller(Protocol):
 
     def fill_directions(
         self,
-        gradients: DirectionSource,
+        gradients: GradientSource,
         slab: SlabBuffer,
         content: SlabContent,
         bricks: Sequence[Zyx],

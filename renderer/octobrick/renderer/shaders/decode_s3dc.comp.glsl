@@ -1,61 +1,80 @@
-// S3Dc (claims S1, S2, S9..S11): a block of voxels shares its minimum and maximum (the end points);
-// each voxel has an index of BITS bits, packed along x, lowest bits first, rows of 16-bit words.
+// S3Dc at a fixed rate (claims S9..S11, docs/spec/s3dc.md): end points of all blocks; then an index
+// of BITS bits for each voxel, packed along x, lowest bits first, in rows of whole 16-bit words;
+// then, where scales are trained, eight scales and four bits for each block that choose one.
 //
-//     integers  v = min + (2·R·index + L) div (2·L)        R = max − min, L = 2^BITS − 1
-//     float32   v = min + R·index / L                       in double, rounded once; max at L
-//
-// An invocation decodes RUN voxels along x, whose indices lie in at most two words. RUN divides
-// the block's edge, so that one pair of end points serves them all.
+// An invocation decodes RUN voxels along x, whose indices lie in at most two 32-bit words. RUN
+// divides the block's edge, so that one pair of end points serves them all.
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
 #include "decoded.glsl"
+#include "codes.glsl"
+#include "samples.glsl"
 #include "stored.glsl"
-
-uniform usampler3D indices;
-uniform ${SAMPLER_PREFIX}sampler3D end_points;
+#include "s3dc.glsl"
 
 const int BITS = ${BITS};
 const int RUN = ${RUN};
-const int LEVELS = (1 << BITS) - 1;
+const uint LEVELS = (1u << BITS) - 1u;
+const ivec3 BRICK = ivec3(${BRICK_XYZ});
 const ivec3 BLOCK = ivec3(${BLOCK_XYZ});
+const ivec3 BLOCKS = (BRICK + BLOCK - 1) / BLOCK;
+const int ROW_NBITS = (BRICK.x * BITS + 15) / 16 * 16;
+const int ROWS_BIT = 16 * SAMPLE_NBYTES * BLOCKS.x * BLOCKS.y * BLOCKS.z;
 
+uint indices_of_run(int word, int bit) {
+#if ${CROSSES_WORDS}
+    return bits_at(word, bit, RUN * BITS);
+#else
+    return codes[word + (bit >> 5)] >> (bit & 31);
+#endif
+}
+
+#if ${SCALED}
+const int SCALES_BIT = ROWS_BIT + BRICK.z * BRICK.y * ROW_NBITS;
+const int CHOICES_BIT = SCALES_BIT + 8 * 16 * (1 << BITS);
+
+int scale_bit(int word, int block) {
+    int choice = int(bits_at(word, CHOICES_BIT + 4 * block, 3));
+    return SCALES_BIT + 16 * (choice << BITS);
+}
+
+// Positions are 0 to 65535; those of the first and the last index are these.
+SAMPLE value_of(int word, SAMPLE_PAIR ends, uint index, int scale) {
+    uint position = bits_at(word, scale + 16 * int(index), 16);
 #if ${IS_FLOAT}
-float decode(vec2 pair, int index) {
-    precise double low = double(pair.x);
-    precise double high = double(pair.y);
-    precise double value = low + (high - low) * double(index) / double(LEVELS);
-    return index == LEVELS ? pair.y : clamp(float(value), pair.x, pair.y);
+    return between(ends, position, 65535u);
+#else
+    return ends.x + int((uint(ends.y - ends.x) * position + 32767u) / 65535u);
+#endif
 }
 #else
-int decode(ivec2 pair, int index) {
-    return pair.x + (2 * (pair.y - pair.x) * index + LEVELS) / (2 * LEVELS);
-}
-#endif
+int scale_bit(int word, int block) { return 0; }
 
-uint indices_of_run(ivec3 word_at, int shift) {
-    uint words = texelFetch(indices, word_at, 0).r;
-#if ${CROSSES_WORDS}
-    words |= texelFetch(indices, word_at + ivec3(1, 0, 0), 0).r << 16;
-#endif
-    return words >> shift;
+SAMPLE value_of(int word, SAMPLE_PAIR ends, uint index, int scale) {
+    return between(ends, index, LEVELS);
 }
+#endif
 
 void main() {
     Work work = find_work();
     ivec3 voxel = work.first;
-    ivec3 word_at = work.part.code_texel.xyz + ivec3(voxel.x * BITS >> 4, voxel.yz);
-    int shift = voxel.x * BITS & 15;
+    int word = work.part.code_words.x;
+    int bit = ROWS_BIT + (voxel.z * BRICK.y + voxel.y) * ROW_NBITS + voxel.x * BITS;
     int block_row = -1;
-    ${PAIR} pair;
-    for (int row = 0; row < work.rows; ++row, ++voxel.y, ++word_at.y) {
+    int scale = 0;
+    SAMPLE_PAIR ends;
+    for (int row = 0; row < work.rows; ++row, ++voxel.y, bit += ROW_NBITS) {
         if (voxel.y / BLOCK.y != block_row) {
             block_row = voxel.y / BLOCK.y;
-            ivec3 block = ivec3(voxel.x / BLOCK.x, block_row, voxel.z / BLOCK.z);
-            pair = ${PAIR}(texelFetch(end_points, work.part.end_points_texel.xyz + block, 0).rg);
+            int block = block_of(voxel, BLOCK, BLOCKS);
+            ends = pair_at(word, block);
+            scale = scale_bit(word, block);
         }
-        uint run = indices_of_run(word_at, shift);
-        for (int i = 0; i < RUN; ++i, run >>= BITS)
-            put(work, voxel + ivec3(i, 0, 0), to_stored(decode(pair, int(run & uint(LEVELS)))));
+        uint run = indices_of_run(word, bit);
+        for (int i = 0; i < RUN; ++i) {
+            uint index = bitfieldExtract(run, i * BITS, BITS);
+            put(work, voxel + ivec3(i, 0, 0), to_stored(value_of(word, ends, index, scale)));
+        }
     }
 }

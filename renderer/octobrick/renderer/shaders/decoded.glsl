@@ -5,15 +5,15 @@ layout(${IMAGE_FORMAT}, binding = 0) uniform writeonly image3D slab;
 
 // One brick's part of the slab.
 struct Part {
-    ivec4 code_texel;        // the brick's first texel in the texture with one entry per voxel
-    ivec4 end_points_texel;  // likewise in the texture of end points
-    ivec4 brick_in_slab;     // where the brick's voxel (0, 0, 0) lies in the slab texture
-    ivec4 first_in_brick;    // where decoding begins: x is a multiple of the run
-    ivec4 x_range;           // the part's voxels of the brick along x: first and end
+    ivec4 code_words;      // the first words of the brick's code and of its codebook
+    ivec4 yz_range;        // the part's voxels of the brick along y and z, as x_range
+    ivec4 brick_in_slab;   // where the brick's voxel (0, 0, 0) lies in the slab texture
+    ivec4 first_in_brick;  // where decoding begins: a multiple of what an invocation decodes
+    ivec4 x_range;         // the part's voxels of the brick along x: first and end
 };
 layout(std430, binding = 0) readonly buffer Parts { Part parts[]; };
 
-uniform ivec3 part_size;  // voxels; x in whole runs. The same for all parts of a dispatch.
+uniform ivec3 part_size;  // voxels, in whole invocations. The same for all parts of a dispatch.
 
 // What one invocation decodes: a run of voxels along x in each of some rows along y. Finding out
 // which costs as much as decoding a few voxels, so it should be several.
