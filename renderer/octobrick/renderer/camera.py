@@ -181,7 +181,7 @@ class Camera:
                 "space"
             )
         target = _vector(self.target_world_xyz)
-        into_volume: NDArray[np.float64] = np.linalg.inv(matrix)
+        into_volume = np.linalg.inv(matrix).astype(np.float64)
         offset = into_volume @ (_vector(self.eye_world_xyz) - target)
         up = into_volume @ _vector(self.up_world_xyz)
         return replace(self, eye_world_xyz=_xyz(target + offset), up_world_xyz=_xyz(up))

@@ -105,7 +105,7 @@ STORED_TO_CODE = 1.5
 def brick_nbytes(volume: BrickSource, level: int) -> int:
     """Bytes of a compressed brick; where each has its own number, about the mean."""
     layout = CodeLayout.of(volume, level)
-    stored_nbytes = getattr(volume.levels[level], "stored_nbytes", None)
+    stored_nbytes: int | None = getattr(volume.levels[level], "stored_nbytes", None)
     if layout.has_one_size or stored_nbytes is None:
         return layout.code_nbytes
     mean = STORED_TO_CODE * stored_nbytes / math.prod(volume.levels[level].grid_zyx)
