@@ -68,8 +68,8 @@ void bind_deblock(nb::module_& m) {
         .value("RAMP", DeblockLimit::ramp)
         .value("CLAMP", DeblockLimit::clamp);
     m.def("deblock_into", &deblock_into, nb::arg("volume").noconvert(), nb::arg("out").noconvert(),
-          nb::arg("block"), nb::arg("strength"), nb::arg("value_range"),
-          nb::arg("whole"), nb::arg("bounds").noconvert().none(), nb::arg("sequential"), nb::arg("limit"),
+          nb::arg("block"), nb::arg("strength"), nb::arg("value_range"), nb::arg("whole"),
+          nb::arg("bounds").noconvert().none(), nb::arg("sequential"), nb::arg("limit"),
           nb::arg("threads") = 0, nb::arg("simd") = true,
           nb::sig("def deblock_into(volume: object, out: object, block: tuple[int, int, int], "
                   "strength: float, value_range: float, whole: tuple[float, float], "

@@ -182,10 +182,12 @@ def _require_parameters(
             f"strength is {strength}; give a finite number, such as 4", strength=str(strength)
         )
     whole = (0.0, 0.0)
-    unit = value_range
+    unit: float | None
     if isinstance(value_range, tuple):
         low, high = map(float, value_range)
         whole, unit = (low, high), high - low
+    else:
+        unit = value_range
     if unit is not None and not 0 < unit < math.inf:
         raise InvalidInputError(
             f"value_range is {value_range}; give the data's maximum less its minimum, above 0, or "
