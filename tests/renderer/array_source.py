@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -148,3 +149,19 @@ class ArraySource:
                 rounded = np.nextafter(rounded, np.float32(np.inf))
             out[zyx] = rounded, np.sqrt((part**2).mean())
         return out
+
+
+class SlowFirstLevel(ArraySource):
+    """Bricks of level 0 come when they are released."""
+
+    def __init__(self, array: Voxels, **options: Any) -> None:
+        super().__init__(array, **options)
+        self.release = threading.Event()
+        self.ncoarse_reads = 0
+
+    def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        if level == 0:
+            assert self.release.wait(30)
+        else:
+            self.ncoarse_reads += 1
+        return super().brick_code(level, zyx, t, c)
