@@ -32,6 +32,7 @@ std::size_t blocks(std::size_t voxels, std::size_t block) { return (voxels - 1) 
 
 std::optional<std::size_t> deblock_into(const Input& volume, const Output& out,
                                         const Extents& block, double strength, double value_range,
+                                        const std::tuple<double, double>& whole,
                                         const std::optional<Input>& bounds, bool sequential,
                                         DeblockLimit limit, unsigned threads, bool simd) {
     const auto [bz, by, bx] = block;
@@ -49,6 +50,8 @@ std::optional<std::size_t> deblock_into(const Input& volume, const Output& out,
     const Deblock filter{{bz, by, bx},
                          strength,
                          value_range,
+                         std::get<0>(whole),
+                         std::get<1>(whole),
                          sequential ? DeblockAxes::sequential : DeblockAxes::average,
                          limit};
     const nb::gil_scoped_release unlocked;
@@ -65,11 +68,12 @@ void bind_deblock(nb::module_& m) {
         .value("RAMP", DeblockLimit::ramp)
         .value("CLAMP", DeblockLimit::clamp);
     m.def("deblock_into", &deblock_into, nb::arg("volume").noconvert(), nb::arg("out").noconvert(),
-          nb::arg("block"), nb::arg("strength"), nb::arg("value_range"),
+          nb::arg("block"), nb::arg("strength"), nb::arg("value_range"), nb::arg("whole"),
           nb::arg("bounds").noconvert().none(), nb::arg("sequential"), nb::arg("limit"),
           nb::arg("threads") = 0, nb::arg("simd") = true,
           nb::sig("def deblock_into(volume: object, out: object, block: tuple[int, int, int], "
-                  "strength: float, value_range: float, bounds: object | None, sequential: bool, "
-                  "limit: DeblockLimit, threads: int = 0, simd: bool = True) -> int | None"),
+                  "strength: float, value_range: float, whole: tuple[float, float], "
+                  "bounds: object | None, sequential: bool, limit: DeblockLimit, threads: int = 0, "
+                  "simd: bool = True) -> int | None"),
           "The filtered volume; the first voxel that is not finite, or None.");
 }

@@ -51,6 +51,8 @@ Deblock any_filter(Input& input) {
     filter.limit = static_cast<DeblockLimit>(input.below(3));
     filter.strength = finite(input.next<double>());
     filter.value_range = finite(not_negative(input.next<double>()));
+    filter.low = finite(input.next<double>());
+    filter.high = finite(input.next<double>());
     return filter;
 }
 

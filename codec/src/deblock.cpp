@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "bezier.h"
+#include "deblock_blocks.h"
 #include "least.h"
 #include "octobrick/codec/gradients.h"
 #include "parallel.h"
@@ -22,11 +23,16 @@ namespace {
 // Below this, exp(-x) is a float that is not denormal.
 constexpr double kSafeFloatLog = 80;
 
+// No gradient of voxels within a range is steeper, measured against it: √3, rounded up.
+constexpr double kSteepest = 1.7320509;
+
 struct Job {
     const Deblock& filter;
     Zyx shape;
     const float* volume;
-    double low = 0, high = 0;  // of the voxels
+    std::span<const float> bounds;
+    double low = 0, high = 0;  // of the voxels, or of the whole that they are a part of
+    bool is_part = false;
     unsigned threads = 1;
     bool simd = true;
     double span() const { return high - low; }
@@ -34,7 +40,7 @@ struct Job {
     std::size_t voxels() const { return shape.z * shape.y * shape.x; }
 };
 
-// ---- Gradients and weights ----
+// ---- The range ----
 
 // The least and the greatest of some numbers.
 struct Extent {
@@ -60,10 +66,10 @@ Extent over_planes(const Job& job, const Body& body) {
     return all;
 }
 
-std::size_t find_range(Job& job) {
+std::size_t find_range(const Job& job, Extent& extent) {
     std::atomic<std::size_t> fault{kAllFinite};
     const std::size_t plane = job.shape.y * job.shape.x;
-    const Extent extent = over_planes(job, [&](std::size_t z, Extent& found) {
+    extent = over_planes(job, [&](std::size_t z, Extent& found) {
         for (std::size_t i = z * plane; i < (z + 1) * plane; ++i) {
             if (!std::isfinite(job.volume[i])) {
                 report_least(fault, i);
@@ -72,10 +78,10 @@ std::size_t find_range(Job& job) {
             found.include(double{job.volume[i]});
         }
     });
-    job.low = extent.low;
-    job.high = extent.high;
     return fault.load();
 }
+
+// ---- Gradients and weights ----
 
 double difference(const float* at, std::size_t i, std::size_t count, std::size_t stride) {
     const float* below = i > 0 ? at - stride : at;
@@ -84,32 +90,47 @@ double difference(const float* at, std::size_t i, std::size_t count, std::size_t
     return (double{*above} - double{*below}) * scale;
 }
 
-// Writes |∇| / unit of every voxel, rounded to float: so that weights that differ by a rounding
+// Writes |∇| / unit of a run's voxels, rounded to float: so that weights that differ by a rounding
 // do not, however great the strength.
-Extent find_magnitudes(const Job& job, float* magnitudes) {
+Extent find_magnitudes(const Job& job, const Run& run, float* magnitudes) {
     const auto [nz, ny, nx] = job.shape;
     const double unit = job.gradient_unit();
-    return over_planes(job, [&, nz = nz, ny = ny, nx = nx](std::size_t z, Extent& extent) {
-        std::size_t i = z * ny * nx;
-        for (std::size_t y = 0; y < ny; ++y) {
-            for (std::size_t x = 0; x < nx; ++x, ++i) {
-                const float* at = job.volume + i;
-                const double gx = difference(at, x, nx, 1);
-                const double gy = difference(at, y, ny, nx);
-                const double gz = difference(at, z, nz, ny * nx);
-                const double magnitude = std::sqrt(gx * gx + gy * gy + gz * gz) / unit;
-                magnitudes[i] = static_cast<float>(std::min(magnitude, double{FLT_MAX}));
-                extent.include(magnitudes[i]);
-            }
-        }
-    });
+    Extent extent;
+    for (std::size_t x = run.x, i = run.first; x < run.end; ++x, ++i) {
+        const float* at = job.volume + i;
+        const double gx = difference(at, x, nx, 1);
+        const double gy = difference(at, run.y, ny, nx);
+        const double gz = difference(at, run.z, nz, ny * nx);
+        const double magnitude = std::sqrt(gx * gx + gy * gy + gz * gz) / unit;
+        magnitudes[i] = static_cast<float>(std::min(magnitude, double{FLT_MAX}));
+        extent.include(magnitudes[i]);
+    }
+    return extent;
 }
 
-// Turns magnitudes into weights exp(-λ (m - m₀)), of which the greatest is 1.
-void weights_of(const Job& job, double strength, double nearest, float* magnitudes) {
-    const std::size_t plane = job.shape.y * job.shape.x;
-    parallel_for(job.shape.z, job.threads, [&](std::size_t z, unsigned) {
-        for (std::size_t i = z * plane; i < (z + 1) * plane; ++i) {
+// Fills `weights` with magnitudes, but for those that nobody needs; their extent. That of a part
+// is the same for all parts, so that weights do not depend on where a volume was cut.
+Extent find_magnitudes(const Job& job, const Grid& grid, const std::vector<bool>& idle,
+                       float* weights) {
+    std::vector<Extent> extents(grid.count.z);
+    over_blocks(grid, job.threads, [&](const Run& run) {
+        if (job.is_part && idle[run.cell]) return;
+        extents[run.z / grid.block.z].include(find_magnitudes(job, run, weights));
+    });
+    if (job.is_part) return {0, kSteepest};
+    Extent all;
+    for (const Extent& extent : extents) all.include(extent);
+    return all;
+}
+
+// Turns magnitudes into weights exp(-λ (m - m₀)), of which the greatest is 1, or for a part near
+// it.
+void find_weights(const Job& job, const Grid& grid, const std::vector<bool>& idle, double nearest,
+                  float* magnitudes) {
+    const double strength = job.filter.strength;
+    over_blocks(grid, job.threads, [&](const Run& run) {
+        if (idle[run.cell]) return;
+        for (std::size_t i = run.first; i < run.last(); ++i) {
             magnitudes[i] = static_cast<float>(std::exp(-strength * (magnitudes[i] - nearest)));
         }
     });
@@ -120,16 +141,23 @@ void weights_of(const Job& job, double strength, double nearest, float* magnitud
 // An axis to filter along; lines of voxels lie side by side along the next, and layers of lines
 // along the last.
 struct Pass {
+    int axis;  // 0 is x
     std::size_t count, stride, block;
     std::size_t lines, line_stride;
     std::size_t layers, layer_stride;
+    // Where the voxel of a line, at a place along it, lies.
+    Zyx at(std::size_t place, std::size_t line, std::size_t layer) const {
+        if (axis == 0) return {layer, line, place};
+        if (axis == 1) return {layer, place, line};
+        return {place, layer, line};
+    }
 };
 
 Pass pass_of(int axis, Zyx shape, Zyx block) {
     const std::size_t row = shape.x, plane = shape.y * shape.x;
-    if (axis == 0) return {shape.x, 1, std::min(block.x, shape.x), shape.y, row, shape.z, plane};
-    if (axis == 1) return {shape.y, row, std::min(block.y, shape.y), shape.x, 1, shape.z, plane};
-    return {shape.z, plane, std::min(block.z, shape.z), shape.x, 1, shape.y, row};
+    if (axis == 0) return {0, shape.x, 1, std::min(block.x, shape.x), shape.y, row, shape.z, plane};
+    if (axis == 1) return {1, shape.y, row, std::min(block.y, shape.y), shape.x, 1, shape.z, plane};
+    return {2, shape.z, plane, std::min(block.z, shape.z), shape.x, 1, shape.y, row};
 }
 
 // The curves of an axis: between two whole blocks, and between the last whole one and what follows.
@@ -148,9 +176,10 @@ struct Curves {
     }
 };
 
-// Adds to `change` by how much a pass moves each voxel of `volume`, in units of the span.
-void run_pass(const Job& job, const Pass& pass, const Curves& curves, bool logarithmic,
-              const float* volume, const float* weights, float* change) {
+// Adds to `change` by how much a pass moves each voxel of `volume`, in units of the span; where
+// blocks are kept it may be nothing.
+void run_pass(const Job& job, const Pass& pass, const Curves& curves, const Kept& kept,
+              bool logarithmic, const float* volume, const float* weights, float* change) {
     if (pass.count <= pass.block) return;  // one block: no border
     std::vector<BezierPanel> panels;
     for (unsigned i = 0; i < job.threads; ++i) panels.emplace_back(2 * pass.block);
@@ -161,6 +190,11 @@ void run_pass(const Job& job, const Pass& pass, const Curves& curves, bool logar
             const Bezier& curve = curves.at(border, pass);
             for (std::size_t line = 0; line < pass.lines; line += kBezierLanes) {
                 const std::size_t lanes = std::min(kBezierLanes, pass.lines - line);
+                const Grid& grid = kept.grid();
+                if (kept.all(grid.cell_of(pass.at(border - 1, line, layer)),
+                             grid.cell_of(pass.at(border, line + lanes - 1, layer)))) {
+                    continue;
+                }
                 const std::size_t origin = layer * pass.layer_stride + line * pass.line_stride +
                                            (border - pass.block) * pass.stride;
                 const BezierSamples samples{volume + origin, weights + origin, pass.stride,
@@ -198,62 +232,42 @@ double limited(double change, double bound, double block_range, DeblockLimit lim
     return change * std::max(0.0, 1 - (automatic ? ratio : ratio * ratio));
 }
 
-// The grid of blocks, and in which of them a voxel lies.
-struct Grid {
-    Zyx block, count;
-    Grid(Zyx shape, Zyx b)
-        : block(b),
-          count{(shape.z - 1) / b.z + 1, (shape.y - 1) / b.y + 1, (shape.x - 1) / b.x + 1} {}
-    std::size_t cells() const { return count.z * count.y * count.x; }
-    std::size_t cell(std::size_t z, std::size_t y, std::size_t x) const {
-        return (z / block.z * count.y + y / block.y) * count.x + x / block.x;
-    }
-};
-
-// Calls body(voxel, cell) for every voxel, the planes of one layer of blocks on one thread.
-template <class Body>
-void over_blocks(const Job& job, const Grid& grid, const Body& body) {
-    const auto [nz, ny, nx] = job.shape;
-    const std::size_t deep = std::min(grid.block.z, nz);
-    parallel_for(grid.count.z, job.threads,
-                 [&, nz = nz, ny = ny, nx = nx](std::size_t layer, unsigned) {
-                     for (std::size_t z = layer * deep; z < std::min(nz, (layer + 1) * deep); ++z) {
-                         for (std::size_t y = 0; y < ny; ++y) {
-                             const std::size_t row = (z * ny + y) * nx;
-                             for (std::size_t x = 0; x < nx; ++x) body(row + x, grid.cell(z, y, x));
-                         }
-                     }
-                 });
-}
-
 // out = volume + change · scale, within the voxels' range.
-void apply_change(const Job& job, const float* change, double scale, const float* volume,
-                  float* out) {
-    const std::size_t plane = job.shape.y * job.shape.x;
-    parallel_for(job.shape.z, job.threads, [&](std::size_t z, unsigned) {
-        for (std::size_t i = z * plane; i < (z + 1) * plane; ++i) {
+void apply_change(const Job& job, const Kept& kept, const float* change, double scale,
+                  const float* volume, float* out) {
+    over_blocks(kept.grid(), job.threads, [&](const Run& run) {
+        if (kept(run.cell)) {
+            std::copy(volume + run.first, volume + run.last(), out + run.first);
+            return;
+        }
+        for (std::size_t i = run.first; i < run.last(); ++i) {
             const double moved = volume[i] + change[i] * scale;
             out[i] = static_cast<float>(std::clamp(moved, job.low, job.high));
         }
     });
 }
 
-void limit_change(const Job& job, std::span<const float> bounds, float* out) {
-    const Grid grid(job.shape, job.filter.block);
-    std::vector<Extent> extents(grid.cells());
-    over_blocks(job, grid, [&](std::size_t i, std::size_t cell) {
-        extents[cell].include(double{job.volume[i]});
+void limit_change(const Job& job, const Kept& kept, float* out) {
+    std::vector<Extent> extents(kept.grid().cells());
+    const bool per_voxel = job.bounds.size() == job.voxels();
+    over_blocks(kept.grid(), job.threads, [&](const Run& run) {
+        if (kept(run.cell)) return;
+        for (std::size_t i = run.first; i < run.last(); ++i) {
+            extents[run.cell].include(double{job.volume[i]});
+        }
     });
-    const bool per_voxel = bounds.size() == job.voxels();
-    over_blocks(job, grid, [&](std::size_t i, std::size_t cell) {
-        const double from = job.volume[i], bound = bounds[per_voxel ? i : cell];
-        const double range = extents[cell].high - extents[cell].low;
-        const double moved = from + limited(out[i] - from, bound, range, job.filter.limit);
-        out[i] = static_cast<float>(std::clamp(moved, job.low, job.high));
+    over_blocks(kept.grid(), job.threads, [&](const Run& run) {
+        if (kept(run.cell)) return;
+        const double range = extents[run.cell].high - extents[run.cell].low;
+        for (std::size_t i = run.first; i < run.last(); ++i) {
+            const double from = job.volume[i], bound = job.bounds[per_voxel ? i : run.cell];
+            const double moved = from + limited(out[i] - from, bound, range, job.filter.limit);
+            out[i] = static_cast<float>(std::clamp(moved, job.low, job.high));
+        }
     });
 }
 
-void run_passes(const Job& job, float* out) {
+void run_passes(const Job& job, const Kept& kept, float* out) {
     Array<float> weights(job.voxels()), change(job.voxels());
     const Pass passes[] = {pass_of(0, job.shape, job.filter.block),
                            pass_of(1, job.shape, job.filter.block),
@@ -261,25 +275,28 @@ void run_passes(const Job& job, float* out) {
     const Curves curves[] = {Curves(passes[0]), Curves(passes[1]), Curves(passes[2])};
     const double strength = job.filter.strength;
 
-    const Extent extent = find_magnitudes(job, weights.data());
+    const std::vector<bool> idle = kept.idle();
+    const Extent extent = find_magnitudes(job, kept.grid(), idle, weights.data());
     const double reach = std::fabs(strength) * (extent.high - extent.low);
     bool logarithmic = !(reach < kSafeFloatLog);
     for (const Curves& c : curves) logarithmic |= !(reach - c.least_log() < kSafeDoubleLog);
     if (!logarithmic) {
-        weights_of(job, strength, strength < 0 ? extent.high : extent.low, weights.data());
+        const double nearest = strength < 0 ? extent.high : extent.low;
+        find_weights(job, kept.grid(), idle, nearest, weights.data());
     }
 
     const bool sequential = job.filter.axes == DeblockAxes::sequential;
     const float* from = job.volume;
     for (int axis = 0; axis < 3; ++axis) {
-        run_pass(job, passes[axis], curves[axis], logarithmic, from, weights.data(), change.data());
+        run_pass(job, passes[axis], curves[axis], kept, logarithmic, from, weights.data(),
+                 change.data());
         if (sequential) {
-            apply_change(job, change.data(), job.span(), from, out);
+            apply_change(job, kept, change.data(), job.span(), from, out);
             std::fill_n(change.data(), job.voxels(), 0.0f);
             from = out;
         }
     }
-    if (!sequential) apply_change(job, change.data(), job.span() / 3, job.volume, out);
+    if (!sequential) apply_change(job, kept, change.data(), job.span() / 3, job.volume, out);
 }
 
 }  // namespace
@@ -289,16 +306,25 @@ std::size_t deblock(const Deblock& filter, std::span<const float> volume, Zyx sh
                     std::span<const float> bounds, std::span<float> out, Execution execution) {
     const std::size_t most = std::max({shape.z, shape.y, shape.x});
     const unsigned threads = detail::choose_threads(execution.threads, volume.size_bytes(), most);
-    detail::Job job{filter, shape, volume.data()};
+    detail::Job job{filter, shape, volume.data(), bounds};
     job.threads = threads;
     job.simd = execution.simd;
-    if (const std::size_t at = detail::find_range(job); at != kAllFinite) return at;
-    if (job.low == job.high) {
+    detail::Extent extent;
+    if (const std::size_t at = detail::find_range(job, extent); at != kAllFinite) return at;
+    job.is_part =
+        filter.low < filter.high && filter.low <= extent.low && extent.high <= filter.high;
+    job.low = job.is_part ? filter.low : extent.low;
+    job.high = job.is_part ? filter.high : extent.high;
+    if (extent.low == extent.high) {
         std::copy(volume.begin(), volume.end(), out.begin());
         return kAllFinite;
     }
-    detail::run_passes(job, out.data());
-    if (!bounds.empty()) detail::limit_change(job, bounds, out.data());
+    const detail::Grid grid(shape, filter.block);
+    // Not where passes build on each other: what one does to a kept block, the next sees.
+    const bool keep = filter.axes == DeblockAxes::average && bounds.size() == grid.cells();
+    const detail::Kept kept(grid, keep ? bounds : std::span<const float>());
+    detail::run_passes(job, kept, out.data());
+    if (!bounds.empty()) detail::limit_change(job, kept, out.data());
     return kAllFinite;
 }
 

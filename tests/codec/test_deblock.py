@@ -197,6 +197,45 @@ def test_parts_with_the_wholes_range_are_filtered_like_the_whole() -> None:
     assert_same(part[:, :, 4:-4], whole[:, :, 16:24], span)
 
 
+@pytest.mark.parametrize("block", [(4, 4, 4), (8, 3, 5)])
+@pytest.mark.parametrize("strength", [4, 0, -3, 100])
+def test_parts_with_the_wholes_least_and_greatest_are_filtered_like_the_whole_to_the_bit(
+    block: tuple[int, int, int], strength: float
+) -> None:
+    volume = smooth((24, 27, 43))
+    ends = (float(volume.min()), float(volume.max()))
+    grid = tuple(-(-n // b) for n, b in zip(volume.shape, block, strict=True))
+    bound = np.random.default_rng(3).choice([0, 0.5, 4], grid).astype(np.float32)
+    whole = deblock.rational_bezier(volume, block, strength, bound, value_range=ends)
+    # Blocks from the second on, of which the outer two on each side lack what they need.
+    first = [b if n > 4 * b else 0 for n, b in zip(volume.shape, block, strict=True)]
+    voxels = tuple(slice(f, None) for f in first)
+    cells = tuple(slice(f // b, None) for f, b in zip(first, block, strict=True))
+    part = deblock.rational_bezier(volume[voxels], block, strength, bound[cells], value_range=ends)
+    inner = [slice(2 * b if f else 0, None) for f, b in zip(first, block, strict=True)]
+    np.testing.assert_array_equal(part[tuple(inner)], whole[voxels][tuple(inner)])
+    assert (whole != volume).any()
+
+
+@given(extents, extents, st.sampled_from(LIMITS), st.sampled_from([4, 1e4]), st.integers(0, 99))
+@settings(max_examples=60, deadline=None)
+def test_bounds_by_block_leave_out_work_and_change_no_voxel(
+    shape: tuple[int, int, int], block: tuple[int, int, int], limit: Any, strength: float, seed: int
+) -> None:
+    volume = smooth(shape, seed)
+    grid = tuple(-(-n // b) for n, b in zip(shape, block, strict=True))
+    bounds = np.random.default_rng(seed).choice([0, 0, 0, 0, 5], grid).astype(np.float32)
+    each = bounds
+    for axis, (n, b) in enumerate(zip(shape, block, strict=True)):
+        each = each.repeat(b, axis).take(range(n), axis)
+    ends = (float(volume.min()), float(volume.max()))
+    for value_range in (None, ends if ends[0] < ends[1] else None):
+        options: Any = {"limit": limit, "value_range": value_range}
+        found = deblock.rational_bezier(volume, block, strength, bounds, **options)
+        expected = deblock.rational_bezier(volume, block, strength, each, **options)
+        np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize("limit", LIMITS)
 def test_no_voxel_moves_further_than_its_bound(limit: Any) -> None:
     volume = smooth((12, 12, 12))
@@ -345,7 +384,7 @@ def test_neither_threads_nor_instructions_change_a_voxel(threads: int) -> None:
         found = np.empty_like(volume)
         auto = _native.DeblockLimit.AUTO
         fault = _native.deblock_into(
-            volume, found, (4, 8, 5), 4, 0, bounds, False, auto, threads, simd
+            volume, found, (4, 8, 5), 4, 0, (0, 0), bounds, False, auto, threads, simd
         )
         assert fault is None
         assert found.tobytes() == expected.tobytes()
@@ -387,6 +426,8 @@ def test_wrong_arguments_are_refused() -> None:
         {"axes": "x"},
         {"value_range": 0},
         {"value_range": np.inf},
+        {"value_range": (2.0, 2.0)},
+        {"value_range": (np.nan, 2.0)},
         {"threads": 0},
     ):
         with pytest.raises(InvalidInputError):

@@ -12,6 +12,7 @@ from hypothesis.extra import numpy as hnp
 from numpy.typing import NDArray
 
 from octobrick.codec import S3dc, _native, reference
+from octobrick.codec.errors import InvalidInputError
 
 DTYPES = ("uint8", "int8", "uint16", "int16", "float32")
 finite = st.floats(allow_nan=False, allow_infinity=False, width=32)
@@ -109,10 +110,11 @@ def test_decoding_into_strided_memory(noise: Any, dtype: Any) -> None:
     code = codec.encode(array)
     room = np.zeros((6, 180, 7), dtype)
     out = room.transpose(0, 2, 1)[:, ::-1, ::2]
-    outcome = _native.decode_into(code, out, codec.block, codec.bits)
-    assert outcome.status is _native.Status.OK
+    assert codec.decode(code, array.shape, dtype, out=out) is out
     np.testing.assert_array_equal(out, codec.decode(code, array.shape, dtype))
     assert not room.transpose(0, 2, 1)[:, :, 1::2].any()
+    with pytest.raises(InvalidInputError, match="out is"):
+        codec.decode(code, array.shape, dtype, out=out[1:])
 
 
 @pytest.mark.parametrize("bits", [1, 4, 7])

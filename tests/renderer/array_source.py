@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -171,3 +172,19 @@ class Channels:
 
     def fidelity(self, level: int, t: int = 0, c: int = 0) -> NDArray[np.float32]:
         return self._channels[c].fidelity(level)
+
+
+class SlowFirstLevel(ArraySource):
+    """Bricks of level 0 come when they are released."""
+
+    def __init__(self, array: Voxels, **options: Any) -> None:
+        super().__init__(array, **options)
+        self.release = threading.Event()
+        self.ncoarse_reads = 0
+
+    def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        if level == 0:
+            assert self.release.wait(30)
+        else:
+            self.ncoarse_reads += 1
+        return super().brick_code(level, zyx, t, c)

@@ -32,7 +32,7 @@ def path_lengths(camera: Camera, size: tuple[int, int]) -> NDArray[np.float64]:
         start = view.start_voxel.at(column + 0.5, row + 0.5)
         toward = view.toward_world.at(column + 0.5, row + 0.5)
         toward = toward / np.linalg.norm(toward)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             planes = np.array([(0 - start) / toward, ((40, 31, 23) - start) / toward])
         near, far = max(0.0, np.nanmax(planes.min(axis=0))), np.nanmin(planes.max(axis=0))
         lengths[row, column] = max(0.0, far - near)

@@ -108,6 +108,7 @@ def deblock_into(
     block: tuple[int, int, int],
     strength: float,
     value_range: float,
+    whole: tuple[float, float],
     bounds: object | None,
     sequential: bool,
     limit: DeblockLimit,

@@ -119,6 +119,23 @@ def require_volume(array: Voxels, what: str = "the array") -> Voxels:
     return array.astype(dtype, copy=False)
 
 
+def require_out(out: Voxels | None, shape_zyx: Zyx, dtype: np.dtype[Any]) -> Voxels:
+    """An array to write voxels into, or a new one.
+
+    Raises:
+        InvalidInputError: it has another shape or type, or cannot be written.
+    """
+    if out is None:
+        return np.empty(shape_zyx, dtype)
+    if out.shape != shape_zyx or out.dtype != dtype or not out.flags.writeable:
+        raise InvalidInputError(
+            f"out is {out.shape} {out.dtype}; give a writeable array of {shape_zyx} {dtype}",
+            out_shape=list(out.shape),
+            shape=list(shape_zyx),
+        )
+    return out
+
+
 def contiguous(array: Voxels) -> Voxels:
     """The array C-contiguous, aligned and in native byte order; copied only where it is not so."""
     return np.require(array, array.dtype.newbyteorder("="), ["C_CONTIGUOUS", "ALIGNED"])

@@ -51,7 +51,7 @@ def rational_bezier(
     *,
     limit: Limit = "auto",
     axes: Axes = "average",
-    value_range: float | None = None,
+    value_range: float | tuple[float, float] | None = None,
     threads: int | None = None,
 ) -> NDArray[np.float32]:
     """The volume with jumps at block borders smoothed, each voxel moved no further than allowed.
@@ -79,7 +79,8 @@ def rational_bezier(
             unit block, take "ramp", as `deblocked` does: "auto" loses up to 1.3 dB there.
         axes: "average", or "sequential": along x, then y, then z, each from the one before.
         value_range: what gradients are measured against; None is the greatest less the least
-            voxel. Parts of one volume take the whole's, to be filtered alike.
+            voxel. Parts of one volume take the whole's, to be filtered alike: as a pair, its least
+            and greatest voxel, they are so to the bit.
         threads: how many may work; None is one, or all processors from 4 MiB on.
 
     Returns:
@@ -93,7 +94,7 @@ def rational_bezier(
     volume = contiguous(require_volume(widened(volume)).astype(np.float32, copy=False))
     block = require_extents(block, "block")
     _require_choices(limit, axes)
-    strength, value_range = _require_parameters(strength, value_range)
+    strength, unit, whole = _require_parameters(strength, value_range)
     bounds = None if bound is None else _require_bounds(bound, volume.shape, block)
     filtered = np.empty_like(volume)
     fault = _native.deblock_into(
@@ -101,7 +102,8 @@ def rational_bezier(
         filtered,
         block,
         strength,
-        value_range,
+        unit,
+        whole,
         bounds,
         axes == "sequential",
         _native.DeblockLimit[limit.upper()],
@@ -120,7 +122,7 @@ def deblocked(
     *,
     strength: float = 4,
     prediction: Voxels | None = None,
-    value_range: float | None = None,
+    value_range: float | tuple[float, float] | None = None,
     threads: int | None = None,
 ) -> NDArray[np.float32]:
     """The voxels of a code with its seams smoothed, by the way that was best for such codes.
@@ -170,19 +172,29 @@ def _require_choices(limit: str, axes: str) -> None:
         raise InvalidInputError(f"axes is {axes!r}; give 'average' or 'sequential'", axes=str(axes))
 
 
-def _require_parameters(strength: float, value_range: float | None) -> tuple[float, float]:
-    """Both as the native code takes them, where a range of 0 is the volume's own."""
+def _require_parameters(
+    strength: float, value_range: float | tuple[float, float] | None
+) -> tuple[float, float, tuple[float, float]]:
+    """All as the native code takes them: 0 is the volume's own range, (0, 0) no other's ends."""
     strength = float(strength)
     if not math.isfinite(strength):
         raise InvalidInputError(
             f"strength is {strength}; give a finite number, such as 4", strength=str(strength)
         )
-    if value_range is not None and not 0 < value_range < math.inf:
+    whole = (0.0, 0.0)
+    unit: float | None
+    if isinstance(value_range, tuple):
+        low, high = map(float, value_range)
+        whole, unit = (low, high), high - low
+    else:
+        unit = value_range
+    if unit is not None and not 0 < unit < math.inf:
         raise InvalidInputError(
-            f"value_range is {value_range}; give the data's maximum less its minimum, above 0",
+            f"value_range is {value_range}; give the data's maximum less its minimum, above 0, or "
+            "both as a pair",
             value_range=str(value_range),
         )
-    return strength, float(value_range or 0)
+    return strength, float(unit or 0), whole
 
 
 def _require_bounds(bound: ArrayLike, shape: tuple[int, ...], block: Zyx) -> NDArray[np.float32]:

@@ -24,6 +24,7 @@ from octobrick.codec.arrays import (
     coded_dtype,
     narrowed,
     require_extents,
+    require_out,
     require_threads,
     require_volume,
     widened,
@@ -222,9 +223,10 @@ class S3dc:
         dtype: DTypeLike,
         *,
         prediction: Voxels | None = None,
+        out: Voxels | None = None,
         threads: int | None = None,
     ) -> Voxels:
-        """The voxels of a code, as a new C-contiguous array.
+        """The voxels of a code, as a new C-contiguous array unless they have a place.
 
         Safe for hostile bytes: nothing is allocated before the size is found to be right, or for a
         variable rate at least as long as its tables.
@@ -234,17 +236,18 @@ class S3dc:
             shape: (z, y, x) of the encoded array.
             dtype: its sample type.
             prediction: what `encode` was given.
+            out: where to put them: an array of this shape and type (not float16), of any strides.
             threads: how many may work; None is one, or all processors from 4 MiB on.
 
         Raises:
             CorruptBrickError: the bytes are not a code of this shape, type and parameters.
-            InvalidInputError: a shape that no array has, or another prediction.
+            InvalidInputError: a shape that no array has, or another prediction or `out`.
             UnsupportedError: another sample type.
         """
         shape_zyx, sample_dtype = require_extents(shape, "shape"), coded_dtype(dtype)
         predicted = prediction is not None
         view = require_code(self, data, shape_zyx, sample_dtype, predicted=predicted)
-        out: Voxels = np.empty(shape_zyx, sample_dtype)
+        out = require_out(out, shape_zyx, sample_dtype)
         workers = require_threads(threads)
         if self.variable or predicted:
             prediction = _require_prediction(prediction, out)

@@ -29,9 +29,11 @@ class StoredGradients:
 
     Attributes:
         levels: which levels have gradients.
+        brick_shape_zyx: voxels of a brick along each axis.
     """
 
     levels: tuple[int, ...]
+    brick_shape_zyx: Zyx
 
     def __init__(
         self,
@@ -45,7 +47,7 @@ class StoredGradients:
         self.levels = levels
         self._path = path
         self._volume_levels = volume_levels
-        self._brick_shape_zyx = brick_shape_zyx
+        self.brick_shape_zyx = brick_shape_zyx
         self._shards = {
             level: ShardCache(
                 path / gradient_array(level),
@@ -72,7 +74,7 @@ class StoredGradients:
     @property
     def code_nbytes(self) -> int:
         """Bytes of a brick of codes."""
-        return 3 * int(np.prod(self._brick_shape_zyx))
+        return 3 * int(np.prod(self.brick_shape_zyx))
 
     def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick's codes without the entropy layer; None where no voxel has a direction.
@@ -111,7 +113,7 @@ class StoredGradients:
         Raises:
             InvalidInputError, VolumeFormatError, CorruptBrickError: as `code`.
         """
-        shape, code = (*self._brick_shape_zyx, 3), self.code(level, zyx, t, c)
+        shape, code = (*self.brick_shape_zyx, 3), self.code(level, zyx, t, c)
         if code is None:
             return np.full(shape, NO_DIRECTION, np.uint8)
         return np.frombuffer(code, np.uint8).reshape(shape)
@@ -128,7 +130,7 @@ class StoredGradients:
         box = box or Box.of_shape(shape_zyx)
         box.require_within(shape_zyx, f"gradients of level {level}")
         out = np.empty((*box.shape_zyx, 3), np.uint8)
-        fill_from_bricks(out, box, self._brick_shape_zyx, lambda zyx: self.brick(level, zyx, t, c))
+        fill_from_bricks(out, box, self.brick_shape_zyx, lambda zyx: self.brick(level, zyx, t, c))
         return out
 
     def _require(self, level: int, zyx: Zyx) -> None:

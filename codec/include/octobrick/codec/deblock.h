@@ -24,6 +24,10 @@ struct Deblock {
     double strength = 4;  // the paper's lambda: any finite number
     // What gradients are measured against, above 0; 0 takes the greatest voxel less the least.
     double value_range = 0;
+    // The least and the greatest voxel of the whole, for a part of a volume; equal where there is
+    // none. Then results lie within these instead, and do not depend on where the volume was cut.
+    // Without effect where a voxel lies outside of them.
+    double low = 0, high = 0;
     DeblockAxes axes = DeblockAxes::average;
     DeblockLimit limit = DeblockLimit::automatic;
 };

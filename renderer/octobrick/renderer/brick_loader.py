@@ -1,0 +1,205 @@
+"""Reads bricks in the background, most urgent first. No GL: any thread may use it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, Literal, Self
+
+from octobrick.codec.errors import InvalidInputError
+from octobrick.renderer.brick_request import BrickAddress, BrickRequest
+from octobrick.renderer.load_queue import LoadQueue, Outcome
+
+CLOSE_SECONDS: Final = 10.0
+"""How long `close` waits for reads under way; a source that hangs must not hang its renderer."""
+
+
+class Pending(Enum):
+    """The type of `PENDING`."""
+
+    PENDING = "pending"
+
+
+PENDING: Final = Pending.PENDING
+"""Stands for a brick that has not been read yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadStats:
+    """What a loader has done since it was made.
+
+    Attributes:
+        read_nbytes: bytes of bricks, of those read by waiting callers too.
+        cancelled: wishes that were not begun before the view changed.
+        prefetch_hits: bricks taken that had been read ahead.
+    """
+
+    read_nbytes: int
+    cancelled: int
+    prefetch_hits: int
+
+
+class BrickLoader:
+    """Threads that read what views want, and keep it until it is taken.
+
+    Close it, or use it in a with statement. All methods may be called from any thread.
+
+    Args:
+        threads: how many read at once.
+        budget_nbytes: for bricks that were read and not taken; nothing is read beyond, but for
+            callers that wait.
+    """
+
+    def __init__(self, threads: int = 4, budget_nbytes: int = 64 << 20) -> None:
+        if threads < 1 or budget_nbytes < 1:
+            raise InvalidInputError(
+                f"threads is {threads} and budget_nbytes {budget_nbytes}; give at least 1 of each"
+            )
+        self._queue = LoadQueue(budget_nbytes)
+        self._changed = threading.Condition()
+        self._closed = False
+        self._read_nbytes = 0
+        self._threads = [
+            threading.Thread(target=self._work, name=f"octobrick-loader-{i}", daemon=True)
+            for i in range(threads)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def want(self, requests: Iterable[BrickRequest], *, keep: bool = False) -> None:
+        """A new view's bricks, most urgent first. What earlier views wanted is not begun any more.
+
+        What is under way is finished, and kept if it fits.
+
+        Args:
+            keep: these are of the same view, and come behind those that it wants already.
+        """
+        with self._changed:
+            self._queue.want(requests, keep=keep)
+            self._changed.notify_all()
+
+    def urge(self, requests: Iterable[BrickRequest]) -> None:
+        """Put bricks of the present view before all others."""
+        with self._changed:
+            self._queue.urge(requests)
+            self._changed.notify_all()
+
+    def prefetch(self, requests: Iterable[BrickRequest]) -> None:
+        """Bricks that views to come may want, read when nothing wanted is left."""
+        with self._changed:
+            self._queue.prefetch(requests)
+            self._changed.notify_all()
+
+    def take(
+        self, request: BrickRequest, *, wait: bool = True
+    ) -> bytes | Literal[Pending.PENDING] | None:
+        """A brick, no longer kept here; None where it is absent, `PENDING` where it is not read.
+
+        Args:
+            request: need not have been wanted.
+            wait: what is not under way yet is read at once, by the calling thread.
+
+        Raises:
+            InvalidInputError: the loader is closed.
+            Exception: what the source raised.
+        """
+        address = request.address
+        with self._changed:
+            self._require_open()
+            outcome = self._queue.take(address)
+            if outcome is None and not wait:
+                return PENDING
+            if outcome is None:
+                outcome = self._wait_for(address)
+            if outcome is None:
+                self._queue.take_over(address)
+            self._changed.notify_all()
+        return outcome.result() if outcome is not None else self._read_here(request)
+
+    @property
+    def stats(self) -> LoadStats:
+        """Counts so far."""
+        with self._changed:
+            queue = self._queue
+            return LoadStats(self._read_nbytes, queue.ncancelled, queue.nhits_ahead)
+
+    @property
+    def held_nbytes(self) -> int:
+        """Memory of what was read and not taken."""
+        with self._changed:
+            return self._queue.nbytes
+
+    def close(self, timeout_seconds: float = CLOSE_SECONDS) -> None:
+        """Forget all wishes and end the threads, which wait for the reads under way. Idempotent.
+
+        A read that takes longer than the timeout ends its thread when it ends; nobody sees it.
+        """
+        with self._changed:
+            self._closed = True
+            self._queue.clear()
+            self._changed.notify_all()
+        deadline = time.monotonic() + timeout_seconds
+        for thread in self._threads:
+            if thread is not threading.current_thread():
+                thread.join(max(0.0, deadline - time.monotonic()))
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise InvalidInputError("this loader is closed; make a new one")
+
+    def _wait_for(self, address: BrickAddress) -> Outcome | None:
+        """What another thread reads; None where none does. To be called with the lock."""
+        self._queue.begin_waiting(address)
+        try:
+            while self._queue.is_under_way(address):
+                self._changed.wait()
+                self._require_open()
+                outcome = self._queue.take(address)
+                if outcome is not None:
+                    return outcome
+            return None
+        finally:
+            self._queue.end_waiting(address)
+
+    def _read_here(self, request: BrickRequest) -> bytes | None:
+        code = None
+        try:
+            code = request.read()
+        finally:
+            with self._changed:
+                self._queue.end_take_over(request.address)
+                self._read_nbytes += len(code or b"")
+                self._changed.notify_all()
+        return code
+
+    def _work(self) -> None:
+        while (request := self._next()) is not None:
+            try:
+                outcome = Outcome(request.read())
+            except Exception as error:  # whatever a source raises, its taker gets
+                outcome = Outcome(error=error)
+            with self._changed:
+                self._read_nbytes += len(outcome.code or b"")
+                if not self._closed:
+                    self._queue.end(request.address, outcome)
+                self._changed.notify_all()
+            del request, outcome  # what is not kept is not kept by an idle thread
+
+    def _next(self) -> BrickRequest | None:
+        """The next to read, when there is one; None when the loader is closed."""
+        with self._changed:
+            while not self._closed:
+                request = self._queue.begin()
+                if request is not None:
+                    return request
+                self._changed.wait()
+            return None
