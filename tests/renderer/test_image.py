@@ -12,24 +12,21 @@ from PIL import Image
 from octobrick.codec.errors import InvalidInputError
 from octobrick.renderer import Fidelity, RenderedImage, RenderStats
 from octobrick.renderer.budget import parse_nbytes
-from octobrick.renderer.image import checked_background, finish
+from octobrick.renderer.image import checked_background
 
 PREMULTIPLIED = np.array([[[0.25, 0.5, 0.0, 0.5], [0, 0, 0, 0]]], np.float32)
 
 
+FINISHED = {
+    None: [[[128, 255, 0, 128], [0, 0, 0, 0]]],
+    (0, 0, 0): [[[64, 128, 0, 255], [0, 0, 0, 255]]],
+}
+
+
 def picture(background: Any) -> RenderedImage:
     stats = RenderStats(0, {"total": 1}, 1, 1, 0, 0, 0, 0, 1.0, 1.0, (0.0, 1.0), {"cast": 1.0}, "x")
-    rgba = finish(PREMULTIPLIED, background)
+    rgba = np.array(FINISHED[background], np.uint8)
     return RenderedImage(rgba, PREMULTIPLIED, Fidelity(0, 0, 0.0, True), stats)
-
-
-def test_without_background_alpha_is_straight() -> None:
-    assert finish(PREMULTIPLIED, None).tolist() == [[[128, 255, 0, 128], [0, 0, 0, 0]]]
-
-
-def test_a_background_shows_through_what_is_thin() -> None:
-    found = finish(PREMULTIPLIED, (1.0, 0.0, 0.2)).tolist()
-    assert found == [[[191, 128, 26, 255], [255, 0, 51, 255]]]
 
 
 def test_png_is_rgb_where_opaque_and_rgba_else() -> None:

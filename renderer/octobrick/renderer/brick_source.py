@@ -123,6 +123,10 @@ class GradientSource(Protocol):
     """The directions of a volume's gradients: `octobrick.store.StoredGradients`, or alike."""
 
     @property
+    def levels(self) -> Sequence[int]:
+        """Those that have directions."""
+
+    @property
     def brick_shape_zyx(self) -> Zyx:
         """Voxels of a brick along each axis, those of the volume's."""
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 from octobrick.renderer.brick_loader import PENDING, BrickLoader
 from octobrick.renderer.brick_request import BrickAddress, BrickRequest
-from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.brick_source import BrickSource, GradientSource
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.host_box import BoxToFill, DirectionBox, Scratch, VoxelBox
 from octobrick.renderer.host_codes import HostCodes
@@ -28,21 +28,6 @@ PINNED_SHARE: Final = 4
 """The coarsest level keeps at most one part in so many of the budget."""
 
 Held = list[tuple[Zyx, bytes | None]]
-
-
-class Directions(Protocol):
-    """Gradients of a volume as they are stored, such as `octobrick.store.StoredGradients`."""
-
-    @property
-    def levels(self) -> Sequence[int]:
-        """Those that have directions."""
-
-    @property
-    def brick_shape_zyx(self) -> Zyx:
-        """Voxels of a brick along each axis."""
-
-    def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
-        """A brick of codes, three bytes a voxel; None for one without directions."""
 
 
 class HostFiller:
@@ -85,7 +70,7 @@ class HostFiller:
 
     def fill_directions(
         self,
-        gradients: Directions,
+        gradients: GradientSource,
         slab: SlabBuffer,
         content: SlabContent,
         bricks: Sequence[Zyx],

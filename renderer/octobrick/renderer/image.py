@@ -135,18 +135,6 @@ class RenderedImage:
         path.write_bytes(self.png())
 
 
-def finish(premultiplied: NDArray[np.float32], background: Background) -> NDArray[np.uint8]:
-    """8-bit RGBA with straight alpha of what rays gathered, over a background if there is one."""
-    color, alpha = premultiplied[..., :3], premultiplied[..., 3:]
-    if background is not None:
-        color = color + (1 - alpha) * np.array(background, np.float32)
-        alpha = np.ones_like(alpha)
-    else:
-        color = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
-    rgba = np.concatenate([color, alpha], axis=-1)
-    return np.asarray(np.rint(np.clip(rgba, 0, 1) * 255), np.uint8)
-
-
 def checked_background(background: Sequence[float] | None) -> Background:
     """Three components 0..1, or None for transparent.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from octobrick.renderer.canvas import Canvas
 from octobrick.renderer.cells import CellGrid
 from octobrick.renderer.classifier import TABLE_ENTRIES
 from octobrick.renderer.clip import PLANES_MAX, planes_in_voxels
@@ -63,28 +64,20 @@ class SlabTextures:
 
 
 class Raycaster:
-    """Owns the picture that is being gathered, premultiplied RGBA in float32, and its depth."""
+    """Gathers a picture on its canvas, slab by slab."""
 
     def __init__(self, context: GraphicsContext, gl: moderngl.Context) -> None:
         self._context = context
         self._gl = gl
-        self._picture: moderngl.Texture | None = None
-        self._depth: moderngl.Texture | None = None
+        self.canvas = Canvas(context, gl)
         self._transfer: moderngl.Texture | None = None
         self._progress: moderngl.Buffer | None = None
         self._frame: tuple[RenderRequest, FramePlan] | None = None
 
     def begin(self, request: RenderRequest, plan: FramePlan) -> None:
         """Start a picture: nothing gathered yet."""
-        width, height = request.size
-        self._picture = self._require(self._picture, request.size, 4)
-        start = np.zeros(4, np.float32)
-        if isinstance(request.mode, Projection):
-            start[:] = _BEFORE[request.mode.statistic]
-        self._picture.write(np.broadcast_to(start, (height, width, 4)).tobytes())
-        if request.depth:
-            self._depth = self._require(self._depth, request.size, 1)
-            self._depth.write(np.full((height, width), np.inf, np.float32).tobytes())
+        statistic = request.mode.statistic if isinstance(request.mode, Projection) else "mean"
+        self.canvas.begin(request.size, _BEFORE[statistic], depth=request.depth)
         tables = np.stack([classifier.table for classifier in plan.classifiers])
         size = (TABLE_ENTRIES, len(tables))
         if self._transfer is None or self._transfer.size != size:
@@ -104,7 +97,6 @@ class Raycaster:
     def cast(self, slab: Slab, axis_zyx: int, textures: SlabTextures) -> None:
         """Add what the rays meet in one slab. Call in the order of the plan."""
         assert self._frame is not None
-        assert self._picture is not None
         assert self._progress is not None
         request, plan = self._frame
         program = self._context.program("raycast.comp.glsl", **_variant(request, textures))
@@ -125,10 +117,7 @@ class Raycaster:
         )
         self._progress.write(bytes(self._progress.size))
         self._progress.bind_to_storage_buffer(0)
-        self._picture.bind_to_image(0, read=True, write=True)
-        if request.depth:
-            assert self._depth is not None
-            self._depth.bind_to_image(1, read=False, write=True)
+        self.canvas.bind(depth=request.depth)
         program.run(*self._tiles_wh(request))
         self._gl.memory_barrier()
         # The decoders read these textures without the sampler's filter.
@@ -152,7 +141,6 @@ class Raycaster:
         request, plan = self._frame
         if not isinstance(request.mode, Projection):
             return
-        assert self._picture is not None
         assert self._transfer is not None
         program = self._context.program(
             "project.comp.glsl",
@@ -162,23 +150,11 @@ class Raycaster:
             STATISTIC=_STATISTICS[request.mode.statistic],
         )
         self._transfer.use(0)
-        self._picture.bind_to_image(0, read=True, write=True)
+        self.canvas.bind(depth=False)
         uniforms = {"transfer": 0, **_ray_uniforms(request, plan), **_color_uniforms(request, plan)}
         set_uniforms(program, uniforms, some_unused=True)
         run_over(program, (*request.size, 1))
         self._gl.memory_barrier()
-
-    def picture(self) -> NDArray[np.float32]:
-        """What was gathered: (height, width, 4), top row first, premultiplied."""
-        assert self._picture is not None
-        width, height = self._picture.size
-        return np.frombuffer(self._picture.read(), np.float32).reshape(height, width, 4).copy()
-
-    def depth(self) -> NDArray[np.float32]:
-        """World distance from the eye's plane to what is seen: (height, width); inf for nothing."""
-        assert self._depth is not None
-        width, height = self._depth.size
-        return np.frombuffer(self._depth.read(), np.float32).reshape(height, width).copy()
 
     def _bind(self, textures: SlabTextures) -> dict[str, Any]:
         """Put textures into units, voxels first; the units by the samplers' names."""
@@ -198,15 +174,6 @@ class Raycaster:
             "transfer": n + m + 1,
             "cell_range": n + m + 2,
         }
-
-    def _require(
-        self, texture: moderngl.Texture | None, size: tuple[int, int], components: int
-    ) -> moderngl.Texture:
-        if texture is not None and texture.size == size:
-            return texture
-        if texture is not None:
-            texture.release()
-        return self._gl.texture(size, components, dtype="f4")
 
     @staticmethod
     def _tiles_wh(request: RenderRequest) -> tuple[int, int]:

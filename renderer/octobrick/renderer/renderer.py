@@ -9,11 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Literal, Self, get_args
 
 import numpy as np
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.renderer.brick_loader import BrickLoader
 from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.budget import parse_nbytes
 from octobrick.renderer.camera import Camera
@@ -24,7 +25,8 @@ from octobrick.renderer.decoded_bricks import drawable
 from octobrick.renderer.empty_space import EmptySpace
 from octobrick.renderer.frame_plan import FramePlan, Limits, brick_list, plan_frame
 from octobrick.renderer.gpu_filler import GpuFiller
-from octobrick.renderer.image import Fidelity, RenderedImage, RenderStats, finish
+from octobrick.renderer.host_filler import HostFiller
+from octobrick.renderer.image import Fidelity, RenderedImage, RenderStats
 from octobrick.renderer.lighting import Lighting
 from octobrick.renderer.modes import Mode
 from octobrick.renderer.occlusion import unoccluded
@@ -41,6 +43,8 @@ from octobrick.store.box import Box
 if TYPE_CHECKING:
     import moderngl
 
+DecodeOn = Literal["auto", "gpu", "cpu"]
+
 SLAB_SHARE = 4
 """The slab buffers take one part in so many of the memory budget, compressed bricks the rest."""
 
@@ -53,6 +57,9 @@ class Renderer:
     Args:
         memory_budget: GPU memory for bricks and the slab buffer, as bytes or text ("512MiB").
         slab_budget: the slab buffer's part of it; by default a quarter.
+        decode: where bricks are held and decoded: on the "gpu", on the "cpu", which is many times
+            faster where the driver renders on the CPU too, or "auto" by what the driver is.
+        threads: that read bricks.
         cull: False samples every brick and every step. For tests and measurements.
 
     Raises:
@@ -64,6 +71,8 @@ class Renderer:
         memory_budget: int | str = "512MiB",
         *,
         slab_budget: int | str | None = None,
+        decode: DecodeOn = "auto",
+        threads: int = 4,
         cull: bool = True,
     ) -> None:
         total = parse_nbytes(memory_budget, "memory_budget")
@@ -80,8 +89,15 @@ class Renderer:
         self._limits = Limits(
             total - self._slab_nbytes, self._slab_nbytes, self._context.volume_side_max
         )
+        self._loader = BrickLoader(threads)
+        self.decodes_on = _decodes_on(decode, self._context)
+        """Where bricks are held and decoded: "gpu" or "cpu"."""
         with self._context.current() as gl:
-            self._filler: SlabFiller = GpuFiller(self._context, gl, self._limits.brick_nbytes)
+            self._filler: SlabFiller = (
+                HostFiller(self._context, gl, self._limits.brick_nbytes, self._loader)
+                if self.decodes_on == "cpu"
+                else GpuFiller(self._context, gl, self._limits.brick_nbytes)
+            )
             self._slabs = SlabSet(self._context, gl, self._filler)
             self._empty_space = EmptySpace(self._context, gl)
             self._raycaster = Raycaster(self._context, gl)
@@ -93,7 +109,8 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Free the context and all GPU memory. Idempotent."""
+        """Free the context and all GPU memory, and end the threads that read. Idempotent."""
+        self._loader.close()
         self._context.release()
 
     def forget_bricks(self) -> None:
@@ -102,6 +119,7 @@ class Renderer:
             self._filler.forget()
             self._slabs.release()
             self._empty_space.release()
+            self._raycaster.canvas.release()
 
     @property
     def gl_renderer(self) -> str:
@@ -197,14 +215,16 @@ class Renderer:
         with clock.measure("select", on_gpu=False):
             plan = plan_frame(request, self._limits, cull=self._cull)
         uploaded_before = self._filler.uploaded_nbytes
-        width, height = request.size
-        premultiplied = np.zeros((height, width, 4), np.float32)
-        depth = np.full((height, width), np.inf, np.float32) if request.depth else None
+        self._raycaster.begin(request, plan)
         done = _Done(Filled(), 0, plan.selection.sampled)
         if plan.slabs is not None:
             done = self._cast_slabs(request, plan, plan.slabs, clock)
-            premultiplied = self._raycaster.picture()
-            depth = self._raycaster.depth() if request.depth else None
+        self._raycaster.end()
+        canvas = self._raycaster.canvas
+        with clock.measure("finish"):
+            rgba = canvas.finished(request.background)
+        premultiplied = canvas.picture()
+        depth = canvas.depth() if request.depth else None
         stats = RenderStats(
             level=plan.level,
             bricks=_brick_counts(plan, done),
@@ -220,7 +240,6 @@ class Renderer:
             milliseconds=clock.milliseconds() | {"total": 1e3 * (time.perf_counter() - started)},
             gl_renderer=self._context.renderer_name,
         )
-        rgba = finish(premultiplied, request.background)
         fidelity = _fidelity(request, plan, done)
         return RenderedImage(rgba, premultiplied, fidelity, stats, depth)
 
@@ -231,7 +250,6 @@ class Renderer:
         brick_zyx, geometry = request.volume.brick_shape_zyx, request.volume.levels[plan.level]
         done = _Done(Filled(), 0, np.zeros_like(plan.selection.sampled))
         in_sight = plan.selection.sampled
-        self._raycaster.begin(request, plan)
         for slab in slabs.slabs:
             part = bricks_of(slab.content, brick_zyx).slices
             if not in_sight[part].any():
@@ -245,7 +263,6 @@ class Renderer:
                     continue
             self._cast_slab(request, plan, slabs, slab, in_sight, clock, done)
             done.sampled[part] |= in_sight[part]
-        self._raycaster.end()
         return done
 
     def _cast_slab(
@@ -290,6 +307,14 @@ class Renderer:
             )
             self._raycaster.cast(slab, slabs.axis_zyx, textures)
         done.nslabs += 1
+
+
+def _decodes_on(decode: DecodeOn, context: GraphicsContext) -> DecodeOn:
+    if decode not in get_args(DecodeOn):
+        raise InvalidInputError(
+            f"decode {decode!r}: choose one of {list(get_args(DecodeOn))}", option="decode"
+        )
+    return decode if decode != "auto" else "cpu" if context.software else "gpu"
 
 
 @dataclass(slots=True)

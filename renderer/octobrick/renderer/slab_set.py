@@ -12,6 +12,7 @@ import numpy as np
 from octobrick.renderer.cells import CellGrid
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.empty_space import CellRanges
+from octobrick.renderer.filter_margin import filter_margin
 from octobrick.renderer.render_request import RenderRequest
 from octobrick.renderer.slab_buffer import SlabBuffer
 from octobrick.renderer.slab_filler import Filled, SlabContent, SlabFiller
@@ -53,7 +54,7 @@ class SlabLayout:
             SlabFormat.of(dtype),
             request.stored_gradients(level) is not None,
             request.sample_margin(level),
-            (0, 0, 0),
+            filter_margin(request.volume.level_codec(level)) if deblocked else (0, 0, 0),
         )
 
     @property
