@@ -188,3 +188,24 @@ class SlowFirstLevel(ArraySource):
         else:
             self.ncoarse_reads += 1
         return super().brick_code(level, zyx, t, c)
+
+
+class Times:
+    """Several volumes of one shape as the time steps of one."""
+
+    def __init__(self, steps: Sequence[ArraySource]) -> None:
+        self._steps = list(steps)
+        self.nt = len(self._steps)
+        self.revision = " > ".join(step.revision for step in self._steps)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._steps[0], name)
+
+    def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        return self._steps[t].brick_code(level, zyx)
+
+    def ranges(self, level: int, t: int = 0, c: int = 0) -> Voxels:
+        return self._steps[t].ranges(level)
+
+    def fidelity(self, level: int, t: int = 0, c: int = 0) -> NDArray[np.float32]:
+        return self._steps[t].fidelity(level)

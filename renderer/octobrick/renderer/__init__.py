@@ -12,6 +12,7 @@ from octobrick.renderer.image import Fidelity, RenderedImage, RenderStats
 from octobrick.renderer.lighting import Light, Lighting
 from octobrick.renderer.modes import Compositing, Isosurface, Projection, Slice
 from octobrick.renderer.renderer import Renderer
+from octobrick.renderer.streaming import frames, play
 from octobrick.renderer.transfer_function import TransferFunction
 from octobrick.renderer.working_set import WorkingSet, select
 
@@ -36,6 +37,8 @@ __all__ = [
     "SourceLevel",
     "TransferFunction",
     "WorkingSet",
+    "frames",
+    "play",
     "select",
     "visible_bounds",
 ]

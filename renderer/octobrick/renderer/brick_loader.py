@@ -125,6 +125,15 @@ class BrickLoader:
             self._changed.notify_all()
         return outcome.result() if outcome is not None else self._read_here(request)
 
+    def wait_for_arrivals(self, timeout_seconds: float) -> None:
+        """Return when something was read, when there is nothing to read, or when time is over."""
+        with self._changed:
+            read_nbytes = self._read_nbytes
+            self._changed.wait_for(
+                lambda: self._closed or self._queue.idle or self._read_nbytes > read_nbytes,
+                timeout_seconds,
+            )
+
     @property
     def stats(self) -> LoadStats:
         """Counts so far."""

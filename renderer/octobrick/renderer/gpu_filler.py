@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from octobrick.renderer.brick_codes import BrickCodes
 from octobrick.renderer.brick_pool import BrickPool
+from octobrick.renderer.brick_request import BrickAddress
 from octobrick.renderer.brick_source import BrickSource, GradientSource
 from octobrick.renderer.classifier import ValueScale
 from octobrick.renderer.context import GraphicsContext
@@ -34,6 +35,11 @@ class GpuFiller:
     def __init__(self, context: GraphicsContext, gl: moderngl.Context, budget_nbytes: int) -> None:
         self._pool = BrickPool(gl, budget_nbytes)
         self._decoder = SlabDecoder(context, gl)
+        self.waits = True
+
+    def holds(self, address: BrickAddress) -> bool:
+        """Whether a brick is here."""
+        return False
 
     def fill(
         self, source: BrickSource, slab: SlabBuffer, content: SlabContent, bricks: Sequence[Zyx]

@@ -59,6 +59,10 @@ class HostFiller:
         self.waits = True
         """Whether bricks are waited for. Else, with a loader, coarser ones stand for them."""
 
+    def holds(self, address: BrickAddress) -> bool:
+        """Whether a brick is here, or known to be absent."""
+        return address in self._codes
+
     def fill(
         self, source: BrickSource, slab: SlabBuffer, content: SlabContent, bricks: Sequence[Zyx]
     ) -> Filled:

@@ -74,6 +74,11 @@ class LoadQueue:
         self.ncancelled = 0
         self.nhits_ahead = 0
 
+    @property
+    def idle(self) -> bool:
+        """Whether nothing wanted is left to read or under way."""
+        return not self._wanted and not self._under_way
+
     def want(self, requests: Iterable[BrickRequest], *, keep: bool = False) -> None:
         """The wishes of a new view, most urgent first, instead of those of the one before.
 

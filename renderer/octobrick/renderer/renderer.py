@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Self, get_args
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 
-from octobrick.codec.errors import InvalidInputError
-from octobrick.renderer.brick_loader import BrickLoader
+from octobrick.codec.errors import InvalidInputError, OctobrickError
+from octobrick.renderer.brick_loader import BrickLoader, LoadStats
 from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.budget import parse_nbytes
 from octobrick.renderer.camera import Camera
@@ -37,6 +38,7 @@ from octobrick.renderer.selection import Mask, dilated, finest_useful_level
 from octobrick.renderer.slab_filler import Filled, SlabFiller
 from octobrick.renderer.slab_set import SlabSet
 from octobrick.renderer.slabs import Slab, SlabPlan
+from octobrick.renderer.streaming import continued, wanted_bricks
 from octobrick.renderer.transfer_function import TransferFunction
 from octobrick.store.box import Box
 
@@ -90,6 +92,7 @@ class Renderer:
             total - self._slab_nbytes, self._slab_nbytes, self._context.volume_side_max
         )
         self._loader = BrickLoader(threads)
+        self._last_camera: Camera | None = None
         self.decodes_on = _decodes_on(decode, self._context)
         """Where bricks are held and decoded: "gpu" or "cpu"."""
         with self._context.current() as gl:
@@ -147,6 +150,7 @@ class Renderer:
         c: int | Sequence[int] = 0,
         rgb: bool = False,
         depth: bool = False,
+        wait: bool = True,
     ) -> RenderedImage:
         """A picture of a volume.
 
@@ -176,6 +180,9 @@ class Renderer:
             rgb: the three channels of c are red, green and blue; their luminance has the opacity
                 that the (first) transfer function gives it.
             depth: tell how far away is what is seen.
+            wait: for all bricks. If not, coarser ones stand for those that have not been read yet,
+                ``stats.bricks["substituted"]`` tells of how many, and reading goes on behind: what
+                this view wants, then what a camera that moves on will want.
 
         Raises:
             InvalidInputError: an argument is out of its range, or two do not go together.
@@ -206,7 +213,53 @@ class Renderer:
             size_max=self._context.picture_side_max,
         )
         with self._context.current() as gl:
-            return self._render(gl, request, started)
+            self._filler.waits = wait
+            if not wait:
+                self._loader.want(())  # what an earlier view wanted
+            image = self._render(gl, request, started)
+            if not wait:
+                self._prefetch_motion(request)
+            self._last_camera = camera
+        return image
+
+    def prefetch(
+        self,
+        volume: BrickSource,
+        camera: Camera,
+        transfer_function: TransferFunction | Sequence[TransferFunction],
+        size: tuple[int, int] = (768, 768),
+        **scene: Any,
+    ) -> None:
+        """Read bricks that a later call of `render` with these arguments needs, in the background.
+
+        They are read when nothing is left that a picture waits for, up to a bounded memory.
+        """
+        request = make_request(drawable(volume), camera, transfer_function, size, **scene)
+        with self._context.current():
+            self._prefetch(request)
+
+    def wait_for_arrivals(self, timeout_seconds: float) -> None:
+        """Return when a brick was read, when none is left to read, or when time is over."""
+        self._loader.wait_for_arrivals(timeout_seconds)
+
+    @property
+    def load_stats(self) -> LoadStats:
+        """What reading bricks took since the renderer was made."""
+        return self._loader.stats
+
+    def _prefetch(self, request: RenderRequest) -> None:
+        plan = plan_frame(request, self._limits)
+        wanted = wanted_bricks(request, plan)
+        self._loader.prefetch(brick for brick in wanted if not self._filler.holds(brick.address))
+
+    def _prefetch_motion(self, request: RenderRequest) -> None:
+        """What the camera will see if it goes on as it moved since the last picture."""
+        if self._last_camera is None:
+            return
+        ahead = continued(self._last_camera, request.camera)
+        if ahead is not None:
+            with suppress(OctobrickError):  # where it leads may be nowhere
+                self._prefetch(replace(request, camera=ahead))
 
     def _render(
         self, gl: moderngl.Context, request: RenderRequest, started: float

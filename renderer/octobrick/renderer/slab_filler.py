@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from octobrick.renderer.brick_request import BrickAddress
 from octobrick.renderer.brick_source import BrickSource, GradientSource
 from octobrick.store.box import Box, Zyx
 
@@ -60,6 +61,12 @@ class Filled:
 
 class SlabFiller(Protocol):
     """Keeps bricks compressed under a byte budget and decodes them into slab buffers."""
+
+    waits: bool
+    """Whether bricks are waited for. Else coarser ones stand for those that are not there."""
+
+    def holds(self, address: BrickAddress) -> bool:
+        """Whether a brick is here."""
 
     def fill(
         self, source: BrickSource, slab: SlabBuffer, content: SlabContent, bricks: Sequence[Zyx]
