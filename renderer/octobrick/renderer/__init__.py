@@ -3,6 +3,7 @@
 The names listed in ``__all__`` are the component's promise; everything else may change.
 """
 
+from octobrick.renderer.annotations import with_legend, with_scale_bar
 from octobrick.renderer.brick_source import BlockCode, BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
 from octobrick.renderer.errors import GraphicsContextError, PictureTooLargeError, ShaderError
@@ -27,4 +28,6 @@ __all__ = [
     "SourceLevel",
     "TransferFunction",
     "visible_bounds",
+    "with_legend",
+    "with_scale_bar",
 ]
