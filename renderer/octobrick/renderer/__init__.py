@@ -6,10 +6,13 @@ The names listed in ``__all__`` are the component's promise; everything else may
 from octobrick.renderer.annotations import with_legend, with_scale_bar
 from octobrick.renderer.brick_source import BlockCode, BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
+from octobrick.renderer.camera_path import camera_path
 from octobrick.renderer.errors import GraphicsContextError, PictureTooLargeError, ShaderError
 from octobrick.renderer.framing import visible_bounds
 from octobrick.renderer.image import Fidelity, RenderedImage, RenderStats
 from octobrick.renderer.lighting import Lighting
+from octobrick.renderer.movie import Shot, render_frames, through_time, turntable
+from octobrick.renderer.movie_files import movie_file, save_movie
 from octobrick.renderer.renderer import Renderer
 from octobrick.renderer.transfer_function import TransferFunction
 
@@ -25,8 +28,15 @@ __all__ = [
     "RenderedImage",
     "Renderer",
     "ShaderError",
+    "Shot",
     "SourceLevel",
     "TransferFunction",
+    "camera_path",
+    "movie_file",
+    "render_frames",
+    "save_movie",
+    "through_time",
+    "turntable",
     "visible_bounds",
     "with_legend",
     "with_scale_bar",
