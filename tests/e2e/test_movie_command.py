@@ -161,6 +161,8 @@ def test_ctrl_c_leaves_whole_frames_and_no_movie(
         ("m.mp4", ("--resume",), 2, "a movie file has none"),
         ("m.mp4", ("--fps", 0), 2, "above 0"),
         ("m.mp4", ("--background", "transparent"), 2, "no transparency"),
+        ("f/%d.jpg", ("--background", "transparent"), 1, "no such folder"),
+        ("f_%d.jpg", ("--background", "transparent"), 2, "no transparency"),
         ("f_%d.exr", ("--legend",), 2, "nothing is drawn"),
         ("m.mp4", ("--cameras", "nowhere.json"), 1, "no such file"),
     ],

@@ -129,6 +129,7 @@ def test_the_suffix_says_what_is_written(
         (("--quality", 90), 2, "invalid-input"),
         (("-o", "p.exr", "--legend"), 2, "invalid-input"),
         (("-o", "p.tiff"), 2, "invalid-input"),
+        (("-o", "p.jpg", "--background", "transparent"), 2, "invalid-input"),
         (("--scale-bar",), 2, "invalid-input"),
         (("--transfer-function", "nowhere.json"), 1, "not-found"),
     ],

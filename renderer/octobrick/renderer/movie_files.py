@@ -38,11 +38,24 @@ def is_movie(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() in _KINDS
 
 
-def require_movie(path: str | os.PathLike[str], fps: float, quality: int | None = None) -> None:
+def require_movie(
+    path: str | os.PathLike[str],
+    fps: float,
+    quality: int | None = None,
+    *,
+    transparent: bool = False,
+) -> None:
     """Refuse what `movie_file` could not write: before the work, not after it.
 
+    Args:
+        path: of the movie.
+        fps: frames per second that will be asked for.
+        quality: that will be asked for.
+        transparent: whether the frames will have no background.
+
     Raises:
-        InvalidInputError: no kind of movie has that suffix, or it has no such rate or quality.
+        InvalidInputError: no kind of movie has that suffix, or it has no such rate or quality or
+            no transparency.
         ResourceError: the package that writes it is not installed; the message names the extra.
     """
     path = Path(path)
@@ -66,6 +79,8 @@ def require_movie(path: str | os.PathLike[str], fps: float, quality: int | None 
             path=str(path),
             quality=quality,
         )
+    if transparent:
+        _require_transparency(path)
     if suffix in _CODECS:
         _av(suffix)
     else:
@@ -139,7 +154,12 @@ def _require_fitting(image: RenderedImage, path: Path, size: tuple[int, int] | N
         raise InvalidInputError(
             f"{path}: a frame of {image.size} pixels after frames of {size}; make all of one size"
         )
-    if path.suffix.lower() != ".webp" and not is_opaque(image.rgba):
+    if not is_opaque(image.rgba):
+        _require_transparency(path)
+
+
+def _require_transparency(path: Path) -> None:
+    if path.suffix.lower() != ".webp":
         raise InvalidInputError(
             f"{path}: {path.suffix} has no transparency; give the frames a background, or choose "
             ".webp"

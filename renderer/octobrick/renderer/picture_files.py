@@ -23,6 +23,10 @@ JPEG_QUALITY: Final = 92
 """Where nobody asks for another: a step of 8-bit gray at most on smooth surfaces."""
 WEBP_EFFORT: Final = 4
 """Of 0 to 6: beyond it lossless files shrink by hundredths and take several times as long."""
+_NO_TRANSPARENCY: Final = (
+    "JPEG has no transparency, and the picture is transparent; give it a background, or choose "
+    ".png or .webp"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +37,13 @@ class _Kind:
         encode: the bytes of a picture at a quality.
         takes_quality: whether anything of the file can be given up for size.
         floats: holds what the rays gathered, in float32, not the finished 8-bit picture.
+        opaque: cannot hold transparency.
     """
 
     encode: Callable[[RenderedImage, int | None], bytes]
     takes_quality: bool = False
     floats: bool = False
+    opaque: bool = False
 
 
 def is_picture(path: str | os.PathLike[str]) -> bool:
@@ -51,14 +57,24 @@ def holds_floats(path: str | os.PathLike[str]) -> bool:
     return kind is not None and kind.floats
 
 
-def require_picture(path: str | os.PathLike[str], quality: int | None = None) -> None:
+def require_picture(
+    path: str | os.PathLike[str], quality: int | None = None, *, transparent: bool = False
+) -> None:
     """Refuse what `save_picture` could not write: before the work, not after it.
 
+    Args:
+        path: of the picture.
+        quality: that will be asked for.
+        transparent: whether the picture will have no background.
+
     Raises:
-        InvalidInputError: no kind of picture has that suffix, or the kind has no such quality.
+        InvalidInputError: no kind of picture has that suffix, or the kind has no such quality or
+            no transparency.
         ResourceError: the package that writes it is not installed; the message names the extra.
     """
-    _kind_of(Path(path), quality)
+    kind = _kind_of(Path(path), quality)
+    if transparent and kind.opaque:
+        raise InvalidInputError(f"{path}: {_NO_TRANSPARENCY}", path=str(path))
     if Path(path).suffix.lower() == ".exr":
         _open_exr()
     elif not holds_floats(path):
@@ -170,10 +186,7 @@ def _webp(image: RenderedImage, quality: int | None) -> bytes:
 
 def _jpeg(image: RenderedImage, quality: int | None) -> bytes:
     if not is_opaque(image.rgba):
-        raise InvalidInputError(
-            "JPEG has no transparency, and this picture is transparent in places; give it a "
-            "background, or choose .png or .webp"
-        )
+        raise InvalidInputError(_NO_TRANSPARENCY)
     # Colours at full resolution: half of it frays the edges of thin, bright structures.
     return _by_pillow(image.rgba, "JPEG", quality=quality or JPEG_QUALITY, subsampling=0)
 
@@ -212,8 +225,8 @@ def _written(write: Callable[[str], None], suffix: str) -> bytes:
 _KINDS: Final = {
     ".png": _Kind(_png),
     ".webp": _Kind(_webp, takes_quality=True),
-    ".jpg": _Kind(_jpeg, takes_quality=True),
-    ".jpeg": _Kind(_jpeg, takes_quality=True),
+    ".jpg": _Kind(_jpeg, takes_quality=True, opaque=True),
+    ".jpeg": _Kind(_jpeg, takes_quality=True, opaque=True),
     ".exr": _Kind(_exr, floats=True),
     ".npy": _Kind(_npy, floats=True),
 }

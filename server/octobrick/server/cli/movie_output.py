@@ -73,9 +73,10 @@ def movie_output(out: Path, view: View, how: Writing) -> MovieOutput:
     from octobrick.renderer.movie_files import is_movie, require_movie
     from octobrick.renderer.picture_files import holds_floats, is_picture, require_picture
 
+    transparent = view.background is None
     if "%" not in out.name and is_movie(out) and not out.is_dir():
         require_folder(out)
-        require_movie(out, how.fps, how.quality)
+        require_movie(out, how.fps, how.quality, transparent=transparent)
         if how.resume:
             raise click.UsageError("--resume keeps frames in a folder; a movie file has none.")
         return MovieOutput(out, how, None)
@@ -86,7 +87,7 @@ def movie_output(out: Path, view: View, how: Writing) -> MovieOutput:
         )
     files = FrameFiles(out)
     require_folder(files.pattern if "%" in out.name else out)
-    require_picture(files.pattern, how.quality)
+    require_picture(files.pattern, how.quality, transparent=transparent)
     if holds_floats(files.pattern):
         require_no_annotations(view, files.pattern)
     return MovieOutput(out, how, files)

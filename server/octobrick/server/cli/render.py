@@ -41,7 +41,7 @@ def render(volume: Path, output: Path, quality: int | None, stats: bool, **optio
 
     view = view_of(options)
     require_folder(output)
-    require_picture(output, quality)
+    require_picture(output, quality, transparent=view.background is None)
     if holds_floats(output):
         require_no_annotations(view, output)
     with open_volume(volume) as opened, Renderer() as renderer:
