@@ -101,6 +101,22 @@ def test_a_transfer_function_comes_from_a_file(pixels: Callable[..., Any], tmp_p
     np.testing.assert_array_equal(own, pixels("--preset", "microscopy"))
 
 
+@pytest.mark.parametrize("option", ["--scale-bar", "--legend"])
+def test_annotations_are_drawn_on_the_picture(pixels: Callable[..., Any], option: str) -> None:
+    large = ("--preset", "mr", "--size", "160x128")
+    changed = (pixels(*large, option) != pixels(*large)).any(axis=-1)
+    assert 0.02 < changed.mean() < 0.5
+
+
+@pytest.mark.parametrize("suffix", ["webp", "jpg", "exr", "npy"])
+def test_the_suffix_says_what_is_written(
+    render: Callable[..., Result], tmp_path: Path, suffix: str
+) -> None:
+    file = tmp_path / f"q.{suffix}"
+    assert render("--preset", "mr", "-o", file).exit_code == 0
+    assert file.stat().st_size > 100
+
+
 @pytest.mark.parametrize(
     ("options", "exit_code", "kind"),
     [
@@ -110,6 +126,11 @@ def test_a_transfer_function_comes_from_a_file(pixels: Callable[..., Any], tmp_p
         (("--window", "9,1"), 2, "invalid-input"),
         (("--background", "pink"), 2, "invalid-input"),
         (("--elevation", 95), 2, "invalid-input"),
+        (("--quality", 90), 2, "invalid-input"),
+        (("-o", "p.exr", "--legend"), 2, "invalid-input"),
+        (("-o", "p.tiff"), 2, "invalid-input"),
+        (("-o", "p.jpg", "--background", "transparent"), 2, "invalid-input"),
+        (("--scale-bar",), 2, "invalid-input"),
         (("--transfer-function", "nowhere.json"), 1, "not-found"),
     ],
 )

@@ -1,8 +1,9 @@
 from __future__ import annotations
 
+import base64
 import io
 import json
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,9 @@ FINISHED = {
 
 
 def picture(background: Any) -> RenderedImage:
-    stats = RenderStats(0, {"total": 1}, 1, 1, 0, 0, 0, 0, 1.0, 1.0, (0.0, 1.0), {"cast": 1.0}, "x")
+    stats = RenderStats(
+        0, {"total": 1}, 1, 1, 0, 0, 0, 0, 1.0, 1.0, (0.0, 1.0), {"total": 250.0}, "x"
+    )
     rgba = np.array(FINISHED[background], np.uint8)
     return RenderedImage(rgba, PREMULTIPLIED, Fidelity(0, 0, 0.0, True), stats)
 
@@ -37,12 +40,22 @@ def test_png_is_rgb_where_opaque_and_rgba_else() -> None:
         np.testing.assert_array_equal(np.asarray(read), image.rgba[..., : len(mode)])
 
 
-def test_save_writes_png_and_refuses_other_names(tmp_path: Path) -> None:
-    picture(None).save(tmp_path / "a.PNG")
-    assert (tmp_path / "a.PNG").read_bytes() == picture(None).png()
-    with pytest.raises(InvalidInputError, match=r"ends in \.png"):
-        picture(None).save(tmp_path / "a.jpg")
-    assert not (tmp_path / "a.jpg").exists()
+def test_it_says_what_is_known_of_it() -> None:
+    assert repr(picture(None)) == ("<RenderedImage 2×1, level 0, worst error 0, converged, 0.25 s>")
+    coarse = replace(picture(None), fidelity=Fidelity(2, 1, 3.5, False))
+    assert "level 2 instead of 1, worst error 3.5, not converged" in repr(coarse)
+
+
+def test_a_notebook_shows_the_picture_with_what_is_known_of_it() -> None:
+    image = picture((0, 0, 0))
+    bundle = image._repr_mimebundle_()
+    assert set(bundle) == {"text/plain", "text/html"}
+    assert "<figcaption" in bundle["text/html"]
+    assert "2×1, level 0, worst error 0, converged" in bundle["text/html"]
+    data = bundle["text/html"].split("base64,")[1].split('"')[0]
+    assert base64.b64decode(data) == image.png()
+    assert set(image._repr_mimebundle_(include=["image/png"])) == {"image/png"}
+    assert set(image._repr_mimebundle_(exclude=["text/html"])) == {"text/plain"}
 
 
 def test_fidelity_and_stats_are_json_ready() -> None:

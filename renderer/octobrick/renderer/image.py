@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import io
+import base64
+import html
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.codec.errors import InvalidInputError, ResourceError
+from octobrick.codec.errors import InvalidInputError
+from octobrick.renderer.picture_files import png, save_picture
 
 Background = tuple[float, float, float] | None
 
@@ -82,9 +83,9 @@ class RenderStats:
         return asdict(self) | {"window": list(self.window)}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class RenderedImage:
-    """A picture. Rows from the top.
+    """A picture. Rows from the top. In a notebook it shows itself, with what is known of it.
 
     Attributes:
         rgba: (height, width, 4) uint8, straight alpha; opaque where there is a background.
@@ -102,37 +103,81 @@ class RenderedImage:
     stats: RenderStats
     depth: NDArray[np.float32] | None = None
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        height, width = self.rgba.shape[:2]
+        return width, height
+
     def png(self) -> bytes:
         """The picture as PNG: RGBA, or RGB where every pixel is opaque.
 
         Raises:
             ResourceError: Pillow is not installed.
         """
-        try:
-            from PIL import Image
-        except ImportError as error:
-            raise ResourceError(
-                "writing PNG needs Pillow, which is not installed: pip install 'octobrick[render]'",
-                package="pillow",
-            ) from error
-        opaque = bool((self.rgba[..., 3] == 255).all())
-        buffer = io.BytesIO()
-        Image.fromarray(self.rgba[..., :3] if opaque else self.rgba).save(buffer, format="PNG")
-        return buffer.getvalue()
+        return png(self.rgba)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the picture to a file whose name ends in .png.
+    def save(self, path: str | os.PathLike[str], *, quality: int | None = None) -> None:
+        """Write the picture to a file whose suffix says how; what is there is replaced.
+
+        ``.png``, ``.webp`` and, where nothing is transparent, ``.jpg`` hold the finished picture;
+        ``.exr`` and ``.npy`` what the rays gathered, in float32, premultiplied, and ``.exr`` the
+        depth as channel Z where it is known. The file appears whole, or not at all.
+
+        Args:
+            path: the file.
+            quality: 1 to 100, of ``.jpg`` (92 unless given) and ``.webp`` (lossless unless given).
 
         Raises:
-            InvalidInputError: the name ends otherwise.
+            InvalidInputError: another suffix (the message lists these), a quality of what has
+                none, or transparency in a JPEG.
+            ResourceError: the package that writes it is missing; the message names the extra.
+            DestinationError: the system refuses to write.
         """
-        path = Path(path)
-        if path.suffix.lower() != ".png":
-            raise InvalidInputError(
-                f"{path}: pictures are written as PNG only; choose a name that ends in .png",
-                path=str(path),
+        save_picture(self, path, quality)
+
+    def __repr__(self) -> str:
+        return f"<RenderedImage {self._caption()}>"
+
+    def _repr_mimebundle_(
+        self, include: Iterable[str] | None = None, exclude: Iterable[str] | None = None
+    ) -> dict[str, Any]:
+        """What Jupyter shows: the picture with a caption. PNG alone only where it asks for that."""
+        wanted = {"text/plain", "text/html"} if include is None else set(include)
+        bundle: dict[str, Any] = {}
+        for kind, make in (
+            ("text/plain", self.__repr__),
+            ("text/html", self._html),
+            ("image/png", lambda: base64.b64encode(self.png()).decode()),
+        ):
+            if kind in wanted and kind not in (exclude or ()):
+                bundle[kind] = make()
+        return bundle
+
+    def _caption(self) -> str:
+        fidelity, seconds = self.fidelity, self.stats.milliseconds.get("total", 0.0) / 1000
+        level = f"level {fidelity.level}"
+        if fidelity.level != fidelity.finest_level_wanted:
+            level += f" instead of {fidelity.finest_level_wanted}"
+        return ", ".join(
+            (
+                "×".join(map(str, self.size)),
+                level,
+                f"worst error {fidelity.max_error:g}",
+                "converged" if fidelity.converged else "not converged",
+                f"{seconds:.2f} s",
             )
-        path.write_bytes(self.png())
+        )
+
+    def _html(self) -> str:
+        width, height = self.size
+        data, caption = base64.b64encode(self.png()).decode(), html.escape(self._caption())
+        return (
+            '<figure style="margin:0">'
+            f'<img src="data:image/png;base64,{data}" width="{width}" height="{height}" '
+            f'alt="{caption}" style="max-width:100%;height:auto">'
+            f'<figcaption style="font-size:85%;opacity:.75">{caption}</figcaption></figure>'
+        )
 
 
 def checked_background(background: Sequence[float] | None) -> Background:

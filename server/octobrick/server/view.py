@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from octobrick.codec.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from octobrick.renderer import RenderedImage, Renderer, TransferFunction
+    from octobrick.renderer import Camera, RenderedImage, Renderer, TransferFunction
+    from octobrick.renderer.camera import Bounds
     from octobrick.store import Volume
 
 Rgb = tuple[float, float, float]
@@ -49,6 +51,8 @@ class View:
         level: resolution to render; None for the renderer's choice.
         t: time step.
         c: channel.
+        scale_bar: draw a length on the picture.
+        legend: draw the colours of its values on it.
     """
 
     transfer_function: TransferFunction
@@ -66,25 +70,49 @@ class View:
     level: int | None = None
     t: int = 0
     c: int = 0
+    scale_bar: bool = False
+    legend: bool = False
 
-    def render(self, renderer: Renderer, volume: Volume) -> RenderedImage:
+    def camera(self, volume: Volume, times: Iterable[int] | None = None) -> Camera:
+        """Where the picture is taken from.
+
+        Args:
+            volume: what it is of.
+            times: steps of which all that is visible shall be in view; None for the view's own.
+
+        Raises:
+            InvalidInputError: a distance or an angle that no camera can have.
+        """
+        from octobrick.renderer import Camera
+
+        bounds = self._visible_bounds(volume, times) if self.fit == "visible" else None
+        camera = Camera.orbit(
+            volume, self.azimuth, self.elevation, self.distance, self.fov, bounds=bounds
+        )
+        return camera.orthographic() if self.projection == "orthographic" else camera
+
+    def render(
+        self,
+        renderer: Renderer,
+        volume: Volume,
+        *,
+        camera: Camera | None = None,
+        t: int | None = None,
+    ) -> RenderedImage:
         """The picture. Only for the thread that made the renderer.
+
+        Args:
+            renderer: that makes it.
+            volume: what it is of.
+            camera: another than the view's own, such as the next of a movie.
+            t: another time step than the view's own.
 
         Raises:
             InvalidInputError: what makes no sense for this volume, such as a level it lacks.
             OctobrickError: of the store or the renderer.
         """
-        from octobrick.renderer import Camera, visible_bounds
-
-        bounds = None
-        if self.fit == "visible":
-            bounds = visible_bounds(volume, self.transfer_function, self.window, t=self.t, c=self.c)
-        camera = Camera.orbit(
-            volume, self.azimuth, self.elevation, self.distance, self.fov, bounds=bounds
-        )
-        if self.projection == "orthographic":
-            camera = camera.orthographic()
-        return renderer.render(
+        camera = camera or self.camera(volume)
+        image = renderer.render(
             volume,
             camera,
             self.transfer_function,
@@ -94,9 +122,30 @@ class View:
             background=self.background,
             step_voxels=self.step_voxels,
             level=self.level,
-            t=self.t,
+            t=self.t if t is None else t,
             c=self.c,
         )
+        return self._annotated(image, camera, volume)
+
+    def _annotated(self, image: RenderedImage, camera: Camera, volume: Volume) -> RenderedImage:
+        from octobrick.renderer import with_legend, with_scale_bar
+
+        if self.scale_bar:
+            image = with_scale_bar(image, camera, volume.unit)
+        return with_legend(image, self.transfer_function) if self.legend else image
+
+    def _visible_bounds(self, volume: Volume, times: Iterable[int] | None) -> Bounds:
+        import numpy as np
+
+        from octobrick.renderer import visible_bounds
+
+        function, window = self.transfer_function, self.window
+        boxes = [
+            visible_bounds(volume, function, window, t=t, c=self.c)
+            for t in ((self.t,) if times is None else times)
+        ]
+        lows, highs = zip(*boxes, strict=True)
+        return np.min(lows, axis=0), np.max(highs, axis=0)
 
 
 def preset_function(name: str) -> TransferFunction:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -15,20 +16,19 @@ if TYPE_CHECKING:
 _LINE_SECONDS = 10.0  # between plain lines: few enough for a log that is kept
 
 
-class ProgressReport:
-    """Shows the progress of an ingest on stderr, so that stdout stays for results.
+class _Report:
+    """A bar or lines on stderr, so that stdout stays for results.
 
     Args:
-        itemsize: bytes of one voxel, which turn voxels into MB.
+        task: what the bar is called until something is done.
         quiet: show nothing.
     """
 
-    def __init__(self, itemsize: int, *, quiet: bool) -> None:
+    def __init__(self, task: str, *, quiet: bool) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, TaskProgressColumn, TextColumn
         from rich.progress import Progress as Bar
 
-        self._itemsize = itemsize
         self._quiet = quiet
         self._line_after_seconds = _LINE_SECONDS
         console = Console(stderr=True)
@@ -37,7 +37,7 @@ class ProgressReport:
         self._bar: Bar | None = None
         if console.is_terminal and not quiet:
             self._bar = Bar(*columns, rates, console=console, transient=True)
-            self._task = self._bar.add_task("ingest", total=None, rates="")
+            self._task = self._bar.add_task(task, total=None, rates="")
 
     def __enter__(self) -> Self:
         if self._bar:
@@ -53,20 +53,37 @@ class ProgressReport:
         if self._bar:
             self._bar.stop()
 
-    def __call__(self, progress: Progress) -> None:
-        """Take note of a moment of the ingest."""
+    def _show(self, phase: str, done: int, total: int, elapsed_seconds: float, rates: str) -> None:
         if self._bar:
             self._bar.update(
-                self._task,
-                description=progress.phase,
-                completed=progress.done_voxels,
-                total=progress.total_voxels,
-                rates=self._rates(progress),
+                self._task, description=phase, completed=done, total=total, rates=rates
             )
-        elif not self._quiet and progress.elapsed_seconds >= self._line_after_seconds:
-            self._line_after_seconds = progress.elapsed_seconds + _LINE_SECONDS
-            percent = 100 * progress.done_voxels / progress.total_voxels
-            click.echo(f"{progress.phase} {percent:.0f} %, {self._rates(progress)}", err=True)
+        elif not self._quiet and elapsed_seconds >= self._line_after_seconds:
+            self._line_after_seconds = elapsed_seconds + _LINE_SECONDS
+            click.echo(f"{phase} {100 * done / total:.0f} %, {rates}", err=True)
+
+
+class ProgressReport(_Report):
+    """Shows the progress of an ingest.
+
+    Args:
+        itemsize: bytes of one voxel, which turn voxels into MB.
+        quiet: show nothing.
+    """
+
+    def __init__(self, itemsize: int, *, quiet: bool) -> None:
+        super().__init__("ingest", quiet=quiet)
+        self._itemsize = itemsize
+
+    def __call__(self, progress: Progress) -> None:
+        """Take note of a moment of the ingest."""
+        self._show(
+            progress.phase,
+            progress.done_voxels,
+            progress.total_voxels,
+            progress.elapsed_seconds,
+            self._rates(progress),
+        )
 
     def _rates(self, progress: Progress) -> str:
         voxels_per_second = progress.voxels_per_second
@@ -79,3 +96,30 @@ class ProgressReport:
                 f"{format_nbytes(progress.rss_nbytes)} in memory",
             )
         )
+
+
+class FrameReport(_Report):
+    """Shows how many frames of a movie are done.
+
+    Args:
+        total: frames to make.
+        quiet: show nothing.
+    """
+
+    def __init__(self, total: int, *, quiet: bool) -> None:
+        super().__init__("movie", quiet=quiet)
+        self._total, self._done = total, 0
+        self._started = time.monotonic()
+
+    @property
+    def elapsed_seconds(self) -> float:
+        """Since the report was made."""
+        return time.monotonic() - self._started
+
+    def advance(self) -> None:
+        """Take note of another frame."""
+        self._done += 1
+        elapsed = self.elapsed_seconds
+        rate = self._done / elapsed
+        left = format_seconds((self._total - self._done) / rate)
+        self._show("movie", self._done, self._total, elapsed, f"{rate:.1f} frames/s, {left} left")

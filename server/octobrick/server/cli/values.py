@@ -83,3 +83,15 @@ def interval(
         raise click.BadParameter(
             f"{text!r} is not a range of values like 100:300 or 0.5:"
         ) from None
+
+
+def steps(
+    _context: click.Context, _parameter: click.Parameter, text: str | None
+) -> tuple[int, int | None, int] | None:
+    """The callback for time steps, such as ``0:10`` or ``:``, or every other, ``0:10:2``."""
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d*):(\d*)(?::(\d+))?", text.replace(" ", ""), re.ASCII)
+    if found is None or found[3] == "0":
+        raise click.BadParameter(f"{text!r} is not a range of time steps like 0:10 or 0:10:2")
+    return int(found[1] or 0), int(found[2]) if found[2] else None, int(found[3] or 1)
