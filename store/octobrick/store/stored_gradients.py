@@ -67,11 +67,6 @@ class StoredGradients:
             cache.close()
 
     @property
-    def brick_shape_zyx(self) -> Zyx:
-        """Voxels per brick, those of the volume."""
-        return self._brick_shape_zyx
-
-    @property
     def code_nbytes(self) -> int:
         """Bytes of a brick of codes."""
         return 3 * int(np.prod(self.brick_shape_zyx))
