@@ -16,6 +16,7 @@ from octobrick.renderer.classifier import TABLE_ENTRIES
 from octobrick.renderer.clip import PLANES_MAX, planes_in_voxels
 from octobrick.renderer.code_layout import xyz_text
 from octobrick.renderer.context import GraphicsContext
+from octobrick.renderer.direct_bricks import DirectBricks
 from octobrick.renderer.frame_plan import FramePlan
 from octobrick.renderer.lighting import Lighting
 from octobrick.renderer.modes import Isosurface, Projection, Slice
@@ -54,6 +55,7 @@ class SlabTextures:
         ranges: of each channel's cells.
         emptiness: of the cells.
         grid: of the cells.
+        direct: the bricks, where no slab was decoded; then there are no voxels.
     """
 
     voxels: Sequence[SlabBuffer]
@@ -61,6 +63,7 @@ class SlabTextures:
     ranges: Sequence[moderngl.Texture3D]
     emptiness: moderngl.Texture3D
     grid: CellGrid
+    direct: DirectBricks | None = None
 
 
 class Raycaster:
@@ -99,7 +102,8 @@ class Raycaster:
         assert self._frame is not None
         assert self._progress is not None
         request, plan = self._frame
-        program = self._context.program("raycast.comp.glsl", **_variant(request, textures))
+        name = "raycast.comp.glsl" if textures.direct is None else "raycast_direct.comp.glsl"
+        program = self._context.program(name, **_variant(request, textures))
         set_uniforms(
             program,
             {
@@ -109,7 +113,7 @@ class Raycaster:
                 "cell_origin": textures.grid.origin_xyz,
                 **self._bind(textures),
                 **_ray_uniforms(request, plan),
-                **_slab_uniforms(slab, textures.voxels[0]),
+                **_slab_uniforms(slab, textures.voxels),
                 **_color_uniforms(request, plan),
                 **_shading_uniforms(request, plan),
             },
@@ -167,7 +171,8 @@ class Raycaster:
         textures.emptiness.use(n + m)
         self._transfer.use(n + m + 1)
         textures.ranges[0].use(n + m + 2)
-        return {
+        direct = textures.direct.bind(n + m + 3) if textures.direct is not None else {}
+        return direct | {
             "slab": np.arange(n),
             "directions": np.arange(n, n + m),
             "emptiness": n + m,
@@ -187,10 +192,15 @@ def _variant(request: RenderRequest, textures: SlabTextures) -> dict[str, str | 
     if request.lighting is not None:
         gradients = _STORED_DIRECTIONS if textures.directions else _DIFFERENCES
     statistic = request.mode.statistic if isinstance(request.mode, Projection) else "max"
-    return {
+    sampling = request.direct or "linear"
+    own: dict[str, str | int | bool] = (
+        {"CHANNELS": len(request.channels)}
+        if textures.direct is None
+        else textures.direct.shader_values(sampling)
+    )
+    return own | {
         "MODE": _MARCHES[request.mode.name],
         "STATISTIC": _STATISTICS[statistic],
-        "CHANNELS": len(request.channels),
         "RGB": request.rgb,
         "SHADED": request.lighting is not None,
         "GRADIENTS": gradients,
@@ -227,12 +237,14 @@ def _ray_uniforms(request: RenderRequest, plan: FramePlan) -> dict[str, Any]:
     }
 
 
-def _slab_uniforms(slab: Slab, buffer: SlabBuffer) -> dict[str, Any]:
-    assert buffer.texture is not None
+def _slab_uniforms(slab: Slab, voxels: Sequence[SlabBuffer]) -> dict[str, Any]:
+    if not voxels:
+        return {}
+    assert voxels[0].texture is not None
     return {
         "content_low_voxel": slab.content.start_zyx[::-1],
         "content_high_voxel": slab.content.stop_zyx[::-1],
-        "per_texel": [1 / n for n in buffer.texture.size],
+        "per_texel": [1 / n for n in voxels[0].texture.size],
     }
 
 

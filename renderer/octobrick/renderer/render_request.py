@@ -14,6 +14,7 @@ from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.camera import Camera
 from octobrick.renderer.classifier import checked_window
 from octobrick.renderer.clip import Clip
+from octobrick.renderer.direct_bricks import SAMPLINGS
 from octobrick.renderer.image import Background, checked_background
 from octobrick.renderer.lighting import Lighting
 from octobrick.renderer.modes import Isosurface, Mode, Projection, Slice, checked_mode
@@ -59,10 +60,13 @@ class RenderRequest:
     level: int | None
     t: int
     depth: bool
+    direct: str | None
 
     def stored_gradients(self, level: int) -> Any:
         """The volume's gradients where this picture is lit by them at a level; else None."""
         if self.lighting is None or self.gradients == "differences":
+            return None
+        if self.direct is not None:
             return None
         stored = getattr(self.volume, "gradients", None)
         return stored if stored is not None and level in stored.levels else None
@@ -94,6 +98,7 @@ def make_request(
     c: int | Sequence[int] = 0,
     rgb: bool = False,
     depth: bool = False,
+    direct: str | None = None,
     size_max: int | None = None,
 ) -> RenderRequest:
     """The arguments of `Renderer.render`, checked.
@@ -123,6 +128,7 @@ def make_request(
         level=checked_level(volume, level),
         t=checked_index("t", t, volume.nt),
         depth=depth,
+        direct=direct,
     )
     return checked_combination(request)
 
@@ -202,6 +208,8 @@ def checked_combination(request: RenderRequest) -> RenderRequest:
             f"edges are drawn in mode dvr and without rgb only, not in {request.mode.name}",
             option="edges",
         )
+    if request.direct is not None:
+        _require_direct(request)
     if request.gradients == "stored":
         stored = getattr(request.volume, "gradients", None)
         if stored is None or not stored.levels:
@@ -211,6 +219,19 @@ def checked_combination(request: RenderRequest) -> RenderRequest:
                 option="gradients",
             )
     return request
+
+
+def _require_direct(request: RenderRequest) -> None:
+    if request.direct not in SAMPLINGS:
+        raise InvalidInputError(
+            f"direct {request.direct!r}: choose one of {list(SAMPLINGS)}, or None for slabs",
+            option="direct",
+        )
+    if len(request.channels) > 1 or request.deblocking is not None:
+        raise InvalidInputError(
+            "direct rendering is that of one channel without deblocking; leave out direct",
+            option="direct",
+        )
 
 
 def checked_step(step_voxels: float) -> float:

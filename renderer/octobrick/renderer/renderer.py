@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
@@ -19,28 +19,22 @@ from octobrick.renderer.brick_loader import BrickLoader, LoadStats
 from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.budget import parse_nbytes
 from octobrick.renderer.camera import Camera
-from octobrick.renderer.cells import CellGrid, bricks_of
 from octobrick.renderer.clip import Clip
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.decoded_bricks import drawable
-from octobrick.renderer.empty_space import EmptySpace
-from octobrick.renderer.frame_plan import FramePlan, Limits, brick_list, plan_frame
+from octobrick.renderer.frame_passes import Drawn, FramePasses
+from octobrick.renderer.frame_plan import FramePlan, Limits, plan_frame
 from octobrick.renderer.gpu_filler import GpuFiller
 from octobrick.renderer.host_filler import HostFiller
 from octobrick.renderer.image import Fidelity, RenderedImage, RenderStats
 from octobrick.renderer.lighting import Lighting
 from octobrick.renderer.modes import Mode
-from octobrick.renderer.occlusion import unoccluded
 from octobrick.renderer.pass_clock import PassClock
-from octobrick.renderer.raycaster import TILE, Raycaster, SlabTextures
 from octobrick.renderer.render_request import RenderRequest, make_request
-from octobrick.renderer.selection import Mask, dilated, finest_useful_level
-from octobrick.renderer.slab_filler import Filled, SlabFiller
-from octobrick.renderer.slab_set import SlabSet
-from octobrick.renderer.slabs import Slab, SlabPlan
+from octobrick.renderer.selection import finest_useful_level
+from octobrick.renderer.slab_filler import SlabFiller
 from octobrick.renderer.streaming import continued, wanted_bricks
 from octobrick.renderer.transfer_function import TransferFunction
-from octobrick.store.box import Box
 
 if TYPE_CHECKING:
     import moderngl
@@ -101,9 +95,7 @@ class Renderer:
                 if self.decodes_on == "cpu"
                 else GpuFiller(self._context, gl, self._limits.brick_nbytes)
             )
-            self._slabs = SlabSet(self._context, gl, self._filler)
-            self._empty_space = EmptySpace(self._context, gl)
-            self._raycaster = Raycaster(self._context, gl)
+            self._passes = FramePasses(self._context, gl, self._filler, self._limits, cull=cull)
 
     def __enter__(self) -> Self:
         return self
@@ -120,9 +112,7 @@ class Renderer:
         """Free the GPU memory of all bricks and of the slab; the next picture loads its own."""
         with self._context.current():
             self._filler.forget()
-            self._slabs.release()
-            self._empty_space.release()
-            self._raycaster.canvas.release()
+            self._passes.release()
 
     @property
     def gl_renderer(self) -> str:
@@ -150,6 +140,7 @@ class Renderer:
         c: int | Sequence[int] = 0,
         rgb: bool = False,
         depth: bool = False,
+        direct: str | None = None,
         wait: bool = True,
     ) -> RenderedImage:
         """A picture of a volume.
@@ -180,6 +171,10 @@ class Renderer:
             rgb: the three channels of c are red, green and blue; their luminance has the opacity
                 that the (first) transfer function gives it.
             depth: tell how far away is what is seen.
+            direct: decode what rays touch instead of slabs, from S3Dc at a fixed rate: "nearest"
+                voxels, "linear" (eight of them for each sample), or "shared" (what these have in
+                common is fetched once). Needs all bricks of the view at once on the device; slower,
+                for comparison and where there is no room for a slab.
             wait: for all bricks. If not, coarser ones stand for those that have not been read yet,
                 ``stats.bricks["substituted"]`` tells of how many, and reading goes on behind: what
                 this view wants, then what a camera that moves on will want.
@@ -210,6 +205,7 @@ class Renderer:
             c=c,
             rgb=rgb,
             depth=depth,
+            direct=direct,
             size_max=self._context.picture_side_max,
         )
         with self._context.current() as gl:
@@ -267,99 +263,34 @@ class Renderer:
         clock = PassClock(gl, software=self._context.software)
         with clock.measure("select", on_gpu=False):
             plan = plan_frame(request, self._limits, cull=self._cull)
-        uploaded_before = self._filler.uploaded_nbytes
-        self._raycaster.begin(request, plan)
-        done = _Done(Filled(), 0, plan.selection.sampled)
-        if plan.slabs is not None:
-            done = self._cast_slabs(request, plan, plan.slabs, clock)
-        self._raycaster.end()
-        canvas = self._raycaster.canvas
+        uploaded_before = self._uploaded_nbytes
+        drawn = self._passes.draw(request, plan, clock)
+        canvas = self._passes.canvas
         with clock.measure("finish"):
             rgba = canvas.finished(request.background)
         premultiplied = canvas.picture()
         depth = canvas.depth() if request.depth else None
         stats = RenderStats(
             level=plan.level,
-            bricks=_brick_counts(plan, done),
-            slabs=done.nslabs,
+            bricks=drawn.counts(plan),
+            slabs=drawn.nslabs,
             slabs_planned=len(plan.slabs.slabs) if plan.slabs else 0,
-            uploaded_nbytes=self._filler.uploaded_nbytes - uploaded_before,
-            resident_nbytes=self._filler.resident_nbytes,
-            decoded_nbytes=done.filled.nvoxels * plan.layout.decoded.voxel_nbytes,
-            slab_nbytes=self._slabs.nbytes,
+            uploaded_nbytes=self._uploaded_nbytes - uploaded_before,
+            resident_nbytes=self._filler.resident_nbytes + self._passes.direct_nbytes,
+            decoded_nbytes=drawn.filled.nvoxels * plan.layout.decoded.voxel_nbytes,
+            slab_nbytes=self._passes.slab_nbytes,
             step_world=plan.step_world,
             reference_length_world=plan.reference_length_world,
             window=request.channels[0].window,
             milliseconds=clock.milliseconds() | {"total": 1e3 * (time.perf_counter() - started)},
             gl_renderer=self._context.renderer_name,
         )
-        fidelity = _fidelity(request, plan, done)
+        fidelity = _fidelity(request, plan, drawn)
         return RenderedImage(rgba, premultiplied, fidelity, stats, depth)
 
-    def _cast_slabs(
-        self, request: RenderRequest, plan: FramePlan, slabs: SlabPlan, clock: PassClock
-    ) -> _Done:
-        """Run the passes; what was done."""
-        brick_zyx, geometry = request.volume.brick_shape_zyx, request.volume.levels[plan.level]
-        done = _Done(Filled(), 0, np.zeros_like(plan.selection.sampled))
-        in_sight = plan.selection.sampled
-        for slab in slabs.slabs:
-            part = bricks_of(slab.content, brick_zyx).slices
-            if not in_sight[part].any():
-                continue
-            if done.nslabs and self._cull:
-                tiles = self._raycaster.tiles_unfinished()
-                in_sight = unoccluded(in_sight, geometry, brick_zyx, plan.view, tiles, TILE)
-                if not in_sight.any():
-                    break
-                if not in_sight[part].any():
-                    continue
-            self._cast_slab(request, plan, slabs, slab, in_sight, clock, done)
-            done.sampled[part] |= in_sight[part]
-        return done
-
-    def _cast_slab(
-        self,
-        request: RenderRequest,
-        plan: FramePlan,
-        slabs: SlabPlan,
-        slab: Slab,
-        in_sight: Mask,
-        clock: PassClock,
-        done: _Done,
-    ) -> None:
-        """Decode one slab and take its samples."""
-        layout, brick_zyx = plan.layout, request.volume.brick_shape_zyx
-        needed = plan.selection.needed
-        if in_sight is not plan.selection.sampled:
-            needed = dilated(in_sight, brick_zyx, layout.brick_margin_zyx)
-        reach = slab.content.grow(max(layout.filter_margin_zyx))
-        box = reach.intersect(Box.of_shape(request.volume.levels[plan.level].shape_zyx))
-        with clock.measure("decode"):
-            bricks = brick_list(needed, bricks_of(box, brick_zyx).slices)
-            done.filled.add(
-                self._slabs.fill(
-                    request, plan.level, layout, slabs.buffer_zyx, slab.content, bricks
-                )
-            )
-        grid = CellGrid.of(brick_zyx, slab.content)
-        with clock.measure("empty space"):
-            ranges = self._slabs.cell_ranges(layout, grid)
-            emptiness = self._empty_space.find(
-                ranges,
-                brick_zyx,
-                grid,
-                in_sight,
-                plan.classifiers,
-                rgb=request.rgb,
-                skip=self._cull,
-            )
-        with clock.measure("cast"):
-            textures = SlabTextures(
-                self._slabs.voxels(layout), self._slabs.directions(layout), ranges, emptiness, grid
-            )
-            self._raycaster.cast(slab, slabs.axis_zyx, textures)
-        done.nslabs += 1
+    @property
+    def _uploaded_nbytes(self) -> int:
+        return self._filler.uploaded_nbytes + self._passes.direct_uploaded_nbytes
 
 
 def _decodes_on(decode: DecodeOn, context: GraphicsContext) -> DecodeOn:
@@ -370,31 +301,9 @@ def _decodes_on(decode: DecodeOn, context: GraphicsContext) -> DecodeOn:
     return decode if decode != "auto" else "cpu" if context.software else "gpu"
 
 
-@dataclass(slots=True)
-class _Done:
-    """What the slabs of a picture took."""
-
-    filled: Filled
-    nslabs: int
-    sampled: Mask
-
-
-def _brick_counts(plan: FramePlan, done: _Done) -> dict[str, int]:
-    """Bricks of the level by what became of them."""
-    counts = dict(plan.selection.counts)
-    sampled = int(done.sampled.sum())
-    counts |= {"occluded": counts["sampled"] - sampled, "sampled": sampled}
-    filled = done.filled
-    return counts | {
-        "decoded": filled.nbricks,
-        "absent": filled.nabsent,
-        "substituted": filled.nsubstituted,
-    }
-
-
-def _fidelity(request: RenderRequest, plan: FramePlan, done: _Done) -> Fidelity:
+def _fidelity(request: RenderRequest, plan: FramePlan, drawn: Drawn) -> Fidelity:
     errors = [
-        np.asarray(request.volume.fidelity(plan.level, request.t, channel.c))[..., 0][done.sampled]
+        np.asarray(request.volume.fidelity(plan.level, request.t, channel.c))[..., 0][drawn.sampled]
         for channel in request.channels
     ]
     wanted = finest_useful_level(request.volume, request.camera, request.size)
@@ -402,5 +311,5 @@ def _fidelity(request: RenderRequest, plan: FramePlan, done: _Done) -> Fidelity:
         level=plan.level,
         finest_level_wanted=wanted,
         max_error=max((float(e.max()) for e in errors if e.size), default=0.0),
-        converged=plan.level <= wanted and not done.filled.nsubstituted,
+        converged=plan.level <= wanted and not drawn.filled.nsubstituted,
     )

@@ -44,6 +44,11 @@ class Selection:
     box: Box
     counts: dict[str, int]
 
+    @property
+    def every_brick(self) -> tuple[slice, ...]:
+        """Slices of the masks that hold all of the level."""
+        return tuple(slice(0, n) for n in self.sampled.shape)
+
 
 def select_bricks(
     geometry: SourceLevel,

@@ -1,0 +1,3 @@
+#include "raycast_head.glsl"
+#include "direct.glsl"
+#include "raycast_body.glsl"
