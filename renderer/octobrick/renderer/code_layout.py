@@ -90,6 +90,11 @@ class CodeLayout:
         return self.form in ("raw", "s3dc", "directions")
 
     @property
+    def has_blocks(self) -> bool:
+        """Whether voxels are coded in blocks, whose borders show."""
+        return self.form in ("s3dc", "s3dc_variable", "zerobit")
+
+    @property
     def code_nbytes(self) -> int:
         """Bytes of one brick; the most that there can be where not all have the same."""
         nvoxels, itemsize = math.prod(self.brick_zyx), self.sample.itemsize

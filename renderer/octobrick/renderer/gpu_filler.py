@@ -11,6 +11,7 @@ from octobrick.renderer.brick_request import BrickAddress
 from octobrick.renderer.brick_source import BrickSource, GradientSource
 from octobrick.renderer.classifier import ValueScale
 from octobrick.renderer.context import GraphicsContext
+from octobrick.renderer.deblocker import Deblocker, FilteredVolume
 from octobrick.renderer.slab_buffer import SlabBuffer
 from octobrick.renderer.slab_decoder import SlabDecoder, Target
 from octobrick.renderer.slab_filler import Filled, SlabContent
@@ -35,6 +36,7 @@ class GpuFiller:
     def __init__(self, context: GraphicsContext, gl: moderngl.Context, budget_nbytes: int) -> None:
         self._pool = BrickPool(gl, budget_nbytes)
         self._decoder = SlabDecoder(context, gl)
+        self._deblocker = Deblocker(context, gl, self._decoder)
         self.waits = True
 
     def holds(self, address: BrickAddress) -> bool:
@@ -44,14 +46,31 @@ class GpuFiller:
     def fill(
         self, source: BrickSource, slab: SlabBuffer, content: SlabContent, bricks: Sequence[Zyx]
     ) -> Filled:
-        """Decode the bricks into the slab, if it does not hold them yet."""
+        """Decode the bricks into the slab, if it does not hold them yet.
+
+        With deblocking, filtered: then the bricks are all those that the content's box touches
+        with the margin that `filter_margin` says. Levels that are stored raw are not filtered.
+
+        Raises:
+            CorruptBrickError: a brick is damaged.
+            ResourceError: the budget does not hold a single brick.
+            UnsupportedError: a codec that the GPU does not decode, or cannot filter.
+        """
         if slab.holds(content, bricks):
             return Filled()
         slab.held = None
         codes = BrickCodes.of_voxels(source, content.level, content.t, content.c)
         scale = ValueScale.of(source.dtype, source.value_range)
-        target = _target(slab, content, scale.to_stored(source.fill_value), source.value_range)
-        filled = self._decoder.decode(codes, self._pool, target, bricks)
+        target = _target(slab, content, scale.to_stored(source.fill_value))
+        if content.deblocking is None or not codes.layout.has_blocks:
+            low, high = source.value_range
+            filled = self._decoder.decode(
+                codes, self._pool, target, (float(low), float(high)), bricks
+            )
+        else:
+            level = source.levels[content.level]
+            volume = FilteredVolume(codes, level.shape_zyx, source.value_range)
+            filled = self._deblocker.fill(volume, self._pool, target, content.deblocking, bricks)
         slab.held, slab.held_bricks = content, frozenset(bricks)
         return filled
 
@@ -77,8 +96,8 @@ class GpuFiller:
         codes = BrickCodes.of_directions(
             gradients, content.revision, content.level, content.t, content.c
         )
-        target = _target(slab, content, NO_DIRECTION_STORED, (0.0, 1.0))
-        filled = self._decoder.decode(codes, self._pool, target, bricks)
+        target = _target(slab, content, NO_DIRECTION_STORED)
+        filled = self._decoder.decode(codes, self._pool, target, (0.0, 1.0), bricks)
         slab.held, slab.held_bricks = content, frozenset(bricks)
         return filled
 
@@ -97,18 +116,19 @@ class GpuFiller:
         """GPU memory of the pool, never above the budget."""
         return self._pool.allocated_nbytes
 
+    @property
+    def scratch_nbytes(self) -> int:
+        """GPU memory that deblocking has taken besides, and keeps."""
+        return self._deblocker.scratch_nbytes
+
     def forget(self) -> None:
         """Free the GPU memory of all bricks."""
         self._pool.release()
+        self._deblocker.release()
 
 
-def _target(
-    slab: SlabBuffer,
-    content: SlabContent,
-    fill_stored: float,
-    value_range: tuple[float, float],
-) -> Target:
+def _target(slab: SlabBuffer, content: SlabContent, fill_stored: float) -> Target:
     """The whole slab, which was made for the content's voxels."""
     assert slab.texture is not None
     assert slab.format is not None
-    return Target(slab.texture, slab.format, content.box, fill_stored, value_range)
+    return Target(slab.texture, slab.format, content.box, fill_stored)

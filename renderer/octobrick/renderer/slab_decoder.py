@@ -42,37 +42,33 @@ class Target:
     """What is decoded into.
 
     Attributes:
-        texture: with the box's first voxel in its first texel.
+        texture: with the box's first cell in its first texel.
         texel: the texture's format.
-        box: the voxels that are wanted.
-        fill_stored: what the voxels of absent bricks become.
-        value_range: of a volume of float32: what is stored as 0 and 1.
+        box: the cells that are wanted: voxels, or blocks.
+        fill_stored: what those of absent bricks become.
     """
 
     texture: moderngl.Texture3D
     texel: SlabFormat
     box: Box
     fill_stored: float
-    value_range: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Grid:
-    """Bricks of cells, of which a box is wanted; one invocation handles some of each brick.
+class Kernel:
+    """A program that writes the cells of bricks, and how it is spread over them.
 
     Attributes:
-        brick_zyx: cells of a brick: its voxels, or its blocks.
-        box: the cells that are wanted.
-        per_invocation_zyx: cells.
+        program: ready to run but for the bricks.
+        brick_zyx: cells of a brick.
+        per_invocation_zyx: cells that one invocation writes.
     """
 
+    program: moderngl.ComputeShader
     brick_zyx: Zyx
-    box: Box
     per_invocation_zyx: Zyx
 
 
-Program = Callable[[Page | None], "moderngl.ComputeShader"]
-"""Makes ready what handles the bricks of a page, or absent ones."""
 BatchDone = Callable[[Sequence[Resident]], None]
 
 
@@ -95,6 +91,7 @@ class SlabDecoder:
         codes: BrickCodes,
         pool: BrickPool,
         target: Target,
+        value_range: tuple[float, float],
         bricks: Sequence[Zyx],
         batch_done: BatchDone | None = None,
     ) -> Filled:
@@ -106,65 +103,62 @@ class SlabDecoder:
             codes: of the bricks.
             pool: where they are, or are brought.
             target: what is decoded into.
+            value_range: of a volume of float32: what is stored as 0 and 1.
             bricks: which.
             batch_done: called when the decoding of some was asked for, and they are still resident.
         """
         filled, layout = Filled(nbricks=len(bricks)), codes.layout
-        voxels = Grid(layout.brick_zyx, target.box, layout.per_invocation_zyx)
-        absent = Grid(layout.brick_zyx, target.box, (1, ROWS, RUN_MAX))
-
-        def program(page: Page | None) -> moderngl.ComputeShader:
-            if page is None:
-                return self._fill_program(target)
-            return self._decode_program(layout, target)
-
+        program = self._context.program(layout.decoder, **layout.decoder_values(target.texel))
+        if layout.dtype == "float32":
+            set_uniforms(program, {"value_range": value_range})
+        kernel = Kernel(program, layout.brick_zyx, layout.per_invocation_zyx)
         for batch in pool.batches(codes, bricks):
             for brick in batch:
                 part = cell_box(brick.brick_zyx, layout.brick_zyx).intersect(target.box)
                 filled.nvoxels += part.nvoxels
                 filled.nabsent += brick.page is None
-            present = [brick for brick in batch if brick.page is not None]
-            self.run(program, layout, target.texture, voxels, present)
-            self.run(program, layout, target.texture, absent, [b for b in batch if b.page is None])
+            self.run(kernel, layout, target, batch)
             if batch_done is not None:
                 batch_done(batch)
         self._gl.memory_barrier()
         return filled
 
     def run(
-        self,
-        program: Program,
-        layout: CodeLayout,
-        texture: moderngl.Texture3D,
-        grid: Grid,
-        bricks: Sequence[Resident],
+        self, kernel: Kernel, layout: CodeLayout, target: Target, batch: Sequence[Resident]
     ) -> None:
-        """Run a program over the wanted cells of resident bricks, those of a page together."""
+        """Write the wanted cells of resident bricks, and fill those of absent ones.
+
+        Bricks of a page whose parts have the same shape go together.
+        """
         groups: dict[tuple[Page | None, Zyx], list[tuple[Resident, Box]]] = defaultdict(list)
-        for brick in bricks:
-            part = cell_box(brick.brick_zyx, grid.brick_zyx).intersect(grid.box)
+        for brick in batch:
+            part = cell_box(brick.brick_zyx, kernel.brick_zyx).intersect(target.box)
             if part.nvoxels:
                 groups[brick.page, part.shape_zyx].append((brick, part))
+        target.texture.bind_to_image(SLAB_IMAGE, read=False, write=True)
         for (page, shape_zyx), members in groups.items():
-            ready = program(page)
-            self._bind(layout, page)
-            texture.bind_to_image(SLAB_IMAGE, read=False, write=True)
-            deepest = shape_zyx[0] + 2 * grid.per_invocation_zyx[0]
+            if page is None:
+                program = self._fill_program(target)
+                ready = Kernel(program, kernel.brick_zyx, (1, ROWS, RUN_MAX))
+            else:
+                ready = kernel
+                self._bind(layout, page)
+            deepest = shape_zyx[0] + 2 * ready.per_invocation_zyx[0]
             n = min(PARTS_MAX, WORKGROUPS_MAX // deepest)
             for i in range(0, len(members), n):
-                self._dispatch(ready, layout, grid, members[i : i + n])
+                self._dispatch(ready, layout, target.box, members[i : i + n])
 
     def _dispatch(
         self,
-        program: moderngl.ComputeShader,
+        kernel: Kernel,
         layout: CodeLayout,
-        grid: Grid,
+        box: Box,
         members: list[tuple[Resident, Box]],
     ) -> None:
         """Handle parts of the same shape from one page."""
-        step = np.array(grid.per_invocation_zyx)
+        step = np.array(kernel.per_invocation_zyx)
         starts = np.array([part.start_zyx for _, part in members])
-        bricks = np.array([brick.brick_zyx for brick, _ in members]) * grid.brick_zyx
+        bricks = np.array([brick.brick_zyx for brick, _ in members]) * kernel.brick_zyx
         first = starts - bricks
         stop = first + members[0][1].shape_zyx
         aligned = first // step * step
@@ -174,17 +168,18 @@ class SlabDecoder:
         records[:, 0, 1] = self._codebook_word(layout, offsets)
         records[:, 1, 0], records[:, 1, 1] = first[:, 1], stop[:, 1]
         records[:, 1, 2], records[:, 1, 3] = first[:, 0], stop[:, 0]
-        records[:, 2, :3] = (bricks - grid.box.start_zyx)[:, ::-1]
+        records[:, 2, :3] = (bricks - box.start_zyx)[:, ::-1]
         records[:, 3, :3] = aligned[:, ::-1]
         records[:, 4, 0], records[:, 4, 1] = first[:, 2], stop[:, 2]
         # Parts of one shape may start at different places of an invocation; the widest decides.
         depth, height, width = (int(n) for n in (stop - aligned).max(axis=0))
-        dz, dy, dx = grid.per_invocation_zyx
+        dz, dy, dx = kernel.per_invocation_zyx
         depth = ceil_div(depth, dz) * dz
-        set_uniforms(program, {"part_size": (width, height, depth)})
+        set_uniforms(kernel.program, {"part_size": (width, height, depth)})
         self._parts.write(records.tobytes())
         self._parts.bind_to_storage_buffer(PARTS_BUFFER)
-        run_over(program, (ceil_div(width, dx), ceil_div(height, dy), depth // dz * len(members)))
+        invocations = (ceil_div(width, dx), ceil_div(height, dy), depth // dz * len(members))
+        run_over(kernel.program, invocations)
 
     @staticmethod
     def _codebook_word(layout: CodeLayout, offsets: np.ndarray) -> np.ndarray | int:
@@ -193,10 +188,8 @@ class SlabDecoder:
             return SHARED_HEADER_NBYTES // WORD_NBYTES
         return (offsets + ZEROBIT_HEADER_NBYTES) // WORD_NBYTES
 
-    def _bind(self, layout: CodeLayout, page: Page | None) -> None:
+    def _bind(self, layout: CodeLayout, page: Page) -> None:
         """Let the shader see the bytes of a page, and the codebook."""
-        if page is None:
-            return
         page.buffer.bind_to_storage_buffer(CODES_BUFFER)
         if not isinstance(layout.codec, Zerobit):
             return
@@ -214,13 +207,6 @@ class SlabDecoder:
     def _fill_program(self, target: Target) -> moderngl.ComputeShader:
         program = self._context.program("fill.comp.glsl", **fill_values(target.texel))
         set_uniforms(program, {"fill_stored": target.fill_stored})
-        return program
-
-    def _decode_program(self, layout: CodeLayout, target: Target) -> moderngl.ComputeShader:
-        program = self._context.program(layout.decoder, **layout.decoder_values(target.texel))
-        if layout.dtype == "float32":
-            low, high = target.value_range
-            set_uniforms(program, {"value_range": (float(low), float(high))})
         return program
 
     def release(self) -> None:

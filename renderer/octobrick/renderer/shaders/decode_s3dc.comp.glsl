@@ -1,9 +1,6 @@
-// S3Dc at a fixed rate (claims S9..S11, docs/spec/s3dc.md): end points of all blocks; then an index
-// of BITS bits for each voxel, packed along x, lowest bits first, in rows of whole 16-bit words;
-// then, where scales are trained, eight scales and four bits for each block that choose one.
-//
-// An invocation decodes RUN voxels along x, whose indices lie in at most two 32-bit words. RUN
-// divides the block's edge, so that one pair of end points serves them all.
+// S3Dc at a fixed rate (claims S9..S11). An invocation decodes RUN voxels along x, whose indices lie
+// in at most two 32-bit words. RUN divides the block's edge, so that one pair of end points serves
+// them all.
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -12,15 +9,9 @@ layout(local_size_x = 8, local_size_y = 8) in;
 #include "samples.glsl"
 #include "stored.glsl"
 #include "s3dc.glsl"
+#include "s3dc_fixed.glsl"
 
-const int BITS = ${BITS};
 const int RUN = ${RUN};
-const uint LEVELS = (1u << BITS) - 1u;
-const ivec3 BRICK = ivec3(${BRICK_XYZ});
-const ivec3 BLOCK = ivec3(${BLOCK_XYZ});
-const ivec3 BLOCKS = (BRICK + BLOCK - 1) / BLOCK;
-const int ROW_NBITS = (BRICK.x * BITS + 15) / 16 * 16;
-const int ROWS_BIT = 16 * SAMPLE_NBYTES * BLOCKS.x * BLOCKS.y * BLOCKS.z;
 
 uint indices_of_run(int word, int bit) {
 #if ${CROSSES_WORDS}
@@ -31,14 +22,6 @@ uint indices_of_run(int word, int bit) {
 }
 
 #if ${SCALED}
-const int SCALES_BIT = ROWS_BIT + BRICK.z * BRICK.y * ROW_NBITS;
-const int CHOICES_BIT = SCALES_BIT + 8 * 16 * (1 << BITS);
-
-int scale_bit(int word, int block) {
-    int choice = int(bits_at(word, CHOICES_BIT + 4 * block, 3));
-    return SCALES_BIT + 16 * (choice << BITS);
-}
-
 // Positions are 0 to 65535; those of the first and the last index are these.
 SAMPLE value_of(int word, SAMPLE_PAIR ends, uint index, int scale) {
     uint position = bits_at(word, scale + 16 * int(index), 16);
@@ -49,8 +32,6 @@ SAMPLE value_of(int word, SAMPLE_PAIR ends, uint index, int scale) {
 #endif
 }
 #else
-int scale_bit(int word, int block) { return 0; }
-
 SAMPLE value_of(int word, SAMPLE_PAIR ends, uint index, int scale) {
     return between(ends, index, LEVELS);
 }

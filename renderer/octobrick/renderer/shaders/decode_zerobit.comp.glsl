@@ -37,11 +37,9 @@ struct Cell {
     int detail_at;
 };
 
-// Values of 2³ parts, in the order 4z + 2y + x, from the node's average and its details; each sum
-// is formed once, and always in this order.
-void expand(inout Cell cell, SUM average, out SUM values[8]) {
-    uint significance = byte_at(cell.word, cell.map_at++);
-    SUM c[8];
+// The node's average and, where it is not null, its details.
+void read_node(inout Cell cell, bool is_null, SUM average, out SUM c[8]) {
+    uint significance = is_null ? 0u : byte_at(cell.word, cell.map_at++);
     c[0] = average;
     for (int j = 1; j < 8; ++j) {
         c[j] = SUM(0);
@@ -50,17 +48,16 @@ void expand(inout Cell cell, SUM average, out SUM values[8]) {
             c[j] = codeword(cell.book, cell.details + index, true);
         }
     }
-    for (int z = 0; z < 2; ++z) {
-        SUM p[4];
-        for (int k = 0; k < 4; ++k)
-            p[k] = z == 0 ? c[2 * k] + c[2 * k + 1] : c[2 * k] - c[2 * k + 1];
-        for (int y = 0; y < 2; ++y) {
-            SUM low = y == 0 ? p[0] + p[1] : p[0] - p[1];
-            SUM high = y == 0 ? p[2] + p[3] : p[2] - p[3];
-            values[4 * z + 2 * y] = low + high;
-            values[4 * z + 2 * y + 1] = low - high;
-        }
-    }
+}
+
+// The value of part i = 4z + 2y + x of a node: sums and differences of pairs along z, then y, then
+// x, in this order, which decides the rounding of float32. Signs are factors: 8 branches would do
+// the same, and take a compiler on a CPU a second.
+SUM part_of(SUM c[8], int i) {
+    SUM z = SUM(1 - 2 * (i >> 2)), y = SUM(1 - 2 * (i >> 1 & 1)), x = SUM(1 - 2 * (i & 1));
+    SUM low = c[0] + z * c[1] + y * (c[2] + z * c[3]);
+    SUM high = c[4] + z * c[5] + y * (c[6] + z * c[7]);
+    return low + x * high;
 }
 
 void put_voxel(Part part, ivec3 voxel, float stored) {
@@ -70,12 +67,12 @@ void put_voxel(Part part, ivec3 voxel, float stored) {
 }
 
 // 2³ voxels; within the least and the greatest sample of the header.
-void put_node(Part part, ivec3 first, SUM values[8]) {
+void put_node(Part part, ivec3 first, SUM c[8]) {
     SUM least = SUM(sample_at(part.code_words.x + 11, 0));
     SUM greatest = SUM(sample_at(part.code_words.x + 12, 0));
     for (int i = 0; i < 8; ++i)
         put_voxel(part, first + ivec3(i & 1, i >> 1 & 1, i >> 2),
-                  to_stored(SAMPLE(clamp(values[i], least, greatest))));
+                  to_stored(SAMPLE(clamp(part_of(c, i), least, greatest))));
 }
 
 void put_background(Part part, ivec3 first) {
@@ -111,13 +108,12 @@ void decode_cell(Part part, ivec3 first, int block, int place) {
     cell.map_at = begin + 1;
     cell.detail_at = streams + int(u16_at(word, info + 1));
     SUM average = codeword(cell.book, int(byte_at(word, info)), IS_SIGNED);
-    SUM parents[8] = SUM[8](average, average, average, average, average, average, average, average);
-    if ((zerobits & 0x8000u) != 0u) expand(cell, average, parents);
-    for (int i = 0; i < 8; ++i) {
-        SUM p = parents[i];
-        SUM values[8] = SUM[8](p, p, p, p, p, p, p, p);
-        if (bitfieldExtract(nodes, i, 1) != 0u) expand(cell, p, values);
-        put_node(part, first + 2 * ivec3(i & 1, i >> 1 & 1, i >> 2), values);
+    SUM parents[8], c[8];
+    read_node(cell, (zerobits & 0x8000u) == 0u, average, parents);
+    int node_count = min(8 * int(count), 8);  // 8; but a loop that is not unrolled compiles sooner
+    for (int i = 0; i < node_count; ++i) {
+        read_node(cell, bitfieldExtract(nodes, i, 1) == 0u, part_of(parents, i), c);
+        put_node(part, first + 2 * ivec3(i & 1, i >> 1 & 1, i >> 2), c);
     }
 }
 
