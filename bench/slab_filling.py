@@ -28,7 +28,7 @@ from octobrick.store import Volume, ingest, open_volume
 from octobrick.store.box import Box, cells_touching
 
 SOURCE = "ct_bonsai.nii.gz"
-CODECS = {
+CODECS: dict[str, S3dc | Zerobit | None] = {
     "S3Dc 4 bits": S3dc(),
     "S3Dc 2 bits": S3dc(bits=2),
     "S3Dc error 4": S3dc((4, 4, 4), max_error=4),
