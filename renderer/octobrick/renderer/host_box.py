@@ -121,9 +121,9 @@ class VoxelBox:
 
     def put(self, brick_zyx: Zyx, code: bytes | None) -> None:
         """Decode the part of a brick that lies in the box."""
-        part = self._part(brick_zyx)
-        out = self._voxels[_within(part, self.region)]
         own = cell_box(brick_zyx, self._brick_zyx)
+        part = own.intersect(self.region)
+        out = self._voxels[_within(part, self.region)]
         self._decoder.decode(code, brick_zyx, part.shift(_negative(own.start_zyx)), out)
         if self._block is not None:
             self._put_bounds(part, own, self._decoder.bounds(code, brick_zyx, self._block))

@@ -93,7 +93,8 @@ class HostDecoder:
             out[...] = self._codec.decode(code, self.brick_zyx, self.dtype, threads=1)[part.slices]
             return
         assert isinstance(self._codec, S3dc)
-        code, whole = self._cut(code, part) or (code, whole)
+        if part != whole:
+            code, whole = self._cut(code, part) or (code, whole)
         if part == whole:
             self._codec.decode(code, whole.shape_zyx, self.dtype, out=out, threads=1)
             return
