@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
+from octobrick.renderer.brick_request import BrickAddress, BrickRequest, Kind
 from octobrick.renderer.brick_source import BrickSource, GradientSource
 from octobrick.renderer.code_check import checked_code
 from octobrick.renderer.code_layout import CodeLayout
 from octobrick.store.box import Zyx
 
-LevelAddress = tuple[str, str, int, int, int]
+LevelAddress = tuple[Kind, str, int, int, int]
 """(what, revision, level, t, c): with a brick's position it never changes its bytes."""
 
 
@@ -52,6 +54,19 @@ class BrickCodes:
             CodeLayout("directions", "uint8", source.brick_shape_zyx),
             lambda zyx: source.code(level, zyx, t, c),
         )
+
+    def taken_by(self, take: Callable[[BrickRequest], bytes | None], source: Any) -> BrickCodes:
+        """The same bricks, got through something that reads them ahead."""
+
+        def read(zyx: Zyx) -> bytes | None:
+            return take(self.request(zyx, source))
+
+        return replace(self, read=read)
+
+    def request(self, zyx: Zyx, source: Any) -> BrickRequest:
+        """What a loader takes to read a brick from the source that these bricks are of."""
+        kind, revision, level, t, c = self.address
+        return BrickRequest(BrickAddress(revision, kind, level, t, c, zyx), source)
 
     def upload(self, zyx: Zyx) -> bytes | None:
         """The bytes of a brick as decoders take them; None for an absent one.

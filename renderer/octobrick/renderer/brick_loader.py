@@ -125,6 +125,17 @@ class BrickLoader:
             self._changed.notify_all()
         return outcome.result() if outcome is not None else self._read_here(request)
 
+    def take_waiting(self, request: BrickRequest) -> bytes | None:
+        """A brick, waited for; None where it is absent.
+
+        Raises:
+            InvalidInputError: the loader is closed.
+            Exception: what the source raised.
+        """
+        code = self.take(request)
+        assert code is not PENDING
+        return code
+
     def wait_for_arrivals(self, timeout_seconds: float) -> None:
         """Return when something was read, when there is nothing to read, or when time is over."""
         with self._changed:

@@ -92,6 +92,17 @@ class BrickPool:
         """GPU memory held, never above the budget."""
         return sum(page.nbytes for page in self._pages)
 
+    def holds(self, level: LevelAddress, zyx: Zyx) -> bool:
+        """Whether a brick is resident, or known to be absent."""
+        address = (level, zyx)
+        return address in self._places or address in self._absent
+
+    def keep(self, level: LevelAddress, bricks: Sequence[Zyx]) -> None:
+        """Count bricks as used: others make room before them."""
+        for zyx in bricks:
+            if (level, zyx) in self._places:
+                self._places.move_to_end((level, zyx))
+
     def batches(self, codes: BrickCodes, bricks: Sequence[Zyx]) -> Iterator[list[Resident]]:
         """The bricks, in batches that are resident until the next one is asked for.
 

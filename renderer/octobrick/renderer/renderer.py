@@ -93,7 +93,7 @@ class Renderer:
             self._filler: SlabFiller = (
                 HostFiller(self._context, gl, self._limits.brick_nbytes, self._loader)
                 if self.decodes_on == "cpu"
-                else GpuFiller(self._context, gl, self._limits.brick_nbytes)
+                else GpuFiller(self._context, gl, self._limits.brick_nbytes, self._loader)
             )
             self._passes = FramePasses(self._context, gl, self._filler, self._limits, cull=cull)
 

@@ -123,6 +123,12 @@ class SlabDecoder:
         self._gl.memory_barrier()
         return filled
 
+    def fill(self, layout: CodeLayout, target: Target, bricks: Sequence[Zyx]) -> None:
+        """Make these bricks what absent ones are."""
+        kernel = Kernel(self._fill_program(target), layout.brick_zyx, (1, ROWS, RUN_MAX))
+        self.run(kernel, layout, target, [Resident(zyx, None, 0) for zyx in bricks])
+        self._gl.memory_barrier()
+
     def run(
         self, kernel: Kernel, layout: CodeLayout, target: Target, batch: Sequence[Resident]
     ) -> None:

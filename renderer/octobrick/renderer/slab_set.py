@@ -12,7 +12,7 @@ import numpy as np
 from octobrick.renderer.cells import CellGrid
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.empty_space import CellRanges
-from octobrick.renderer.filter_margin import filter_margin
+from octobrick.renderer.filter_margin import FLOAT_NBYTES, filter_margin
 from octobrick.renderer.render_request import RenderRequest
 from octobrick.renderer.slab_buffer import SlabBuffer
 from octobrick.renderer.slab_filler import Filled, SlabContent, SlabFiller
@@ -33,7 +33,8 @@ class SlabLayout:
         decoded: the format that voxels are decoded into, before a filter; the same without one.
         directions: whether there are as many buffers of directions.
         sample_margin: voxels around a sample's base that it reads.
-        filter_margin_zyx: voxels around those that the deblocking filter reads.
+        filter_margin_zyx: voxels around those that the deblocking filter reads; 0 without one.
+        level_shape_zyx: voxels of the level, beyond which nothing is read.
     """
 
     nchannels: int
@@ -42,6 +43,7 @@ class SlabLayout:
     directions: bool
     sample_margin: int
     filter_margin_zyx: Zyx
+    level_shape_zyx: Zyx
 
     @classmethod
     def of(cls, request: RenderRequest, level: int) -> Self:
@@ -55,6 +57,7 @@ class SlabLayout:
             request.stored_gradients(level) is not None,
             request.sample_margin(level),
             filter_margin(request.volume.level_codec(level)) if deblocked else (0, 0, 0),
+            request.volume.levels[level].shape_zyx,
         )
 
     @property
@@ -68,6 +71,15 @@ class SlabLayout:
         nbytes = self.nchannels * math.prod(side_zyx) * self.voxel.voxel_nbytes
         if self.directions:
             nbytes += self.nchannels * math.prod(side_zyx) * DIRECTIONS.voxel_nbytes
+        if any(self.filter_margin_zyx):  # one channel at a time
+            read = math.prod(
+                min(side + 2 * margin, n)
+                for side, margin, n in zip(
+                    side_zyx, self.filter_margin_zyx, self.level_shape_zyx, strict=True
+                )
+            )
+            nbytes += read * (self.decoded.voxel_nbytes + FLOAT_NBYTES)  # weights
+            nbytes += 2 * math.prod(side_zyx) * FLOAT_NBYTES  # changes and bounds
         return nbytes
 
 
