@@ -311,8 +311,10 @@ std::size_t deblock(const Deblock& filter, std::span<const float> volume, Zyx sh
     job.simd = execution.simd;
     detail::Extent extent;
     if (const std::size_t at = detail::find_range(job, extent); at != kAllFinite) return at;
+    // Measured against less than its range, a gradient can be steeper than kSteepest.
+    const bool wide = !(filter.value_range > 0 && filter.value_range < filter.high - filter.low);
     job.is_part =
-        filter.low < filter.high && filter.low <= extent.low && extent.high <= filter.high;
+        wide && filter.low < filter.high && filter.low <= extent.low && extent.high <= filter.high;
     job.low = job.is_part ? filter.low : extent.low;
     job.high = job.is_part ? filter.high : extent.high;
     if (extent.low == extent.high) {
