@@ -221,11 +221,15 @@ void run_pass(const Job& job, const Pass& pass, const Curves& curves, const Kept
 // A block of at most so many bounds between its least and its greatest voxel is coarse: codes of 1
 // and 2 bits have 2 and 6, one of 3 bits has 14.
 constexpr double kCoarse = 10;
+// The part of the bound that a change of such a block may have: few errors are as large as the
+// bound, and thin features move by as much.
+constexpr double kCoarseShare = 0.4;
 
 double limited(double change, double bound, double block_range, DeblockLimit limit) {
     const bool automatic = limit == DeblockLimit::automatic;
-    if (limit == DeblockLimit::clamp || (automatic && block_range <= kCoarse * bound)) {
-        return std::clamp(change, -bound, bound);
+    if (limit == DeblockLimit::clamp) return std::clamp(change, -bound, bound);
+    if (automatic && block_range <= kCoarse * bound) {
+        return std::clamp(change, -kCoarseShare * bound, kCoarseShare * bound);
     }
     if (bound == 0) return 0;
     const double ratio = std::fabs(change / bound);

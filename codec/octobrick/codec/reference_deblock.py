@@ -124,5 +124,6 @@ def limited(change: Doubles, bound: Array, ranges: Doubles, limit: str) -> Doubl
     ramp: Doubles = change * np.maximum(0, 1 - ratio**2)
     with np.errstate(over="ignore"):
         coarse = ranges <= 10 * bound
-    auto: Doubles = np.where(coarse, clamped, change * np.maximum(0, 1 - ratio))
+    part: Doubles = np.clip(change, -0.4 * bound, 0.4 * bound)
+    auto: Doubles = np.where(coarse, part, change * np.maximum(0, 1 - ratio))
     return {"clamp": clamped, "ramp": ramp, "auto": auto}[limit]

@@ -1,6 +1,6 @@
 // What remains of a voxel's change where its code can be wrong by no more than a bound, and the
 // filtered voxel (docs/spec/deblocking.md, "The limit"). A negative bound means that the change is
-// clamped to it.
+// clamped to a part of it.
 
 layout(local_size_x = 8, local_size_y = 8) in;
 
@@ -14,9 +14,11 @@ uniform ivec3 box_size;
 uniform sampler3D bounds;
 uniform ivec3 first_block;  // the block that the first texel of the bounds is for
 
+const float COARSE_SHARE = 0.4;
+
 float limited(float moved, float bound) {
     if (bound == 0.0) return 0.0;
-    if (bound < 0.0) return clamp(moved, bound, -bound);
+    if (bound < 0.0) return clamp(moved, COARSE_SHARE * bound, -COARSE_SHARE * bound);
     float ratio = abs(moved / bound);
 #if ${IS_RAMP}
     return moved * max(0.0, 1.0 - ratio * ratio);
