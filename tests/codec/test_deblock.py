@@ -261,7 +261,9 @@ def test_an_infinite_bound_does_not_limit() -> None:
 
 
 @pytest.mark.parametrize(("bits", "expected"), [(1, "clamp"), (2, "clamp"), (3, None), (8, None)])
-def test_auto_clamps_codes_of_one_and_two_bits_to_a_part_of_the_bound(bits: int, expected: Any) -> None:
+def test_auto_clamps_codes_of_one_and_two_bits_to_a_part_of_the_bound(
+    bits: int, expected: Any
+) -> None:
     volume = smooth((16, 16, 16))
     codec = S3dc((4, 4, 4), bits)
     code = codec.encode(volume)
