@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import moderngl
@@ -44,7 +43,7 @@ class Meter:
 
 
 @pytest.fixture
-def meter(monkeypatch: pytest.MonkeyPatch) -> Iterator[Meter]:
+def meter(monkeypatch: pytest.MonkeyPatch) -> Meter:
     counted = Meter()
     sizes = {"f1": 1, "u1": 1, "i1": 1, "nu2": 2, "u2": 2, "i2": 2, "f2": 2, "f4": 4, "u4": 4}
     texture3d, texture = moderngl.Context.texture3d, moderngl.Context.texture
@@ -65,7 +64,7 @@ def meter(monkeypatch: pytest.MonkeyPatch) -> Iterator[Meter]:
     monkeypatch.setattr(moderngl.Context, "texture3d", meter_texture3d)
     monkeypatch.setattr(moderngl.Context, "texture", meter_texture)
     monkeypatch.setattr(moderngl.Context, "buffer", meter_buffer)
-    yield counted
+    return counted
 
 
 def smooth(side: int) -> np.ndarray[Any, Any]:

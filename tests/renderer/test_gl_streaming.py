@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from octobrick.codec import S3dc
 from octobrick.renderer import Camera, Renderer, TransferFunction, frames, play
 from octobrick.renderer.streaming import continued
+from octobrick.store import ingest, open_volume
 
 from .array_source import ArraySource, SlowFirstLevel, Times
 
@@ -21,6 +23,7 @@ FUNCTION = TransferFunction(
     ((0.2, (0.9, 0.3, 0.1)), (1.0, (1.0, 1.0, 0.9))), ((0.15, 0.0), (0.7, 0.2), (1.0, 0.4))
 )
 SIZE = (60, 50)
+VISCOUS = Path(__file__).parents[3] / "shared" / "data" / "tv_viscous_run01"
 
 
 @pytest.fixture(params=["cpu", "gpu"])
@@ -110,3 +113,20 @@ def test_time_steps_play_in_order_none_skipped_none_torn(
     again = list(play(streaming, source, camera, FUNCTION, SIZE, times=[2, 0], level=0))
     np.testing.assert_array_equal(again[0].premultiplied, played[2].premultiplied)
     np.testing.assert_array_equal(again[1].premultiplied, played[0].premultiplied)
+
+
+@pytest.mark.skipif(not VISCOUS.exists(), reason="the time series is not at hand")
+def test_a_real_time_series_plays_whole_steps_in_bounded_memory(tmp_path: Path) -> None:
+    budget = 600_000  # three of the four steps
+    ingest(f"{VISCOUS}/t0[1-4]0.raw.gz", tmp_path / "v.zarr", codec=S3dc())
+    function = TransferFunction(((0.0, (1.0, 0.8, 0.4)),), ((0.2, 0.0), (0.6, 0.3)))
+    with open_volume(tmp_path / "v.zarr") as volume, Renderer(budget * 2) as renderer:
+        camera = Camera.orbit(volume, 30, 20)
+        played = list(play(renderer, volume, camera, function, SIZE, level=0))
+        assert volume.nt == len(played) == 4
+        assert renderer.load_stats.prefetch_hits > 0
+        for t, image in enumerate(played):
+            alone = renderer.render(volume, camera, function, SIZE, level=0, t=t)
+            np.testing.assert_array_equal(image.premultiplied, alone.premultiplied)
+            assert image.stats.resident_nbytes <= budget * 2
+        assert len({image.premultiplied.tobytes() for image in played}) == 4
