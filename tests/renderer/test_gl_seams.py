@@ -160,8 +160,10 @@ def test_types_of_the_same_values_give_the_same_picture(
         ).rgba
         for dtype in ("uint8", "int8", "uint16", "int16", "float32")
     ]  # fmt: skip
+    # GPUs weigh 8-bit texels with 8 bits, wider ones with more.
+    tolerance = 1 if "llvmpipe" in renderer.gl_renderer else 4
     for found in pictures[1:]:
-        require_alike(found, pictures[0], tolerance=1)
+        require_alike(found, pictures[0], tolerance=tolerance)
 
 
 def test_rays_that_are_opaque_end_the_frame_early() -> None:

@@ -78,6 +78,8 @@ class BrickPool:
         self._gl = gl
         self._budget_nbytes = budget_nbytes
         limit = page_nbytes_max or int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
+        if limit <= 0:  # more than the 32 bits with a sign that the driver was asked for
+            limit = PAGE_NBYTES_MAX
         self._page_nbytes_max = min(limit, PAGE_NBYTES_MAX) // ALIGNMENT * ALIGNMENT
         self._pages: list[Page] = []
         self._places: OrderedDict[Address, _Place] = OrderedDict()  # oldest use first

@@ -30,8 +30,9 @@ void put_raw(Work work, ivec3 voxel, Block block, int index) {
 void put_run(Work work, ivec3 voxel, Block block, int index) {
     int low_width = min(block.width, 8), high_width = block.width - low_width;
     uint low = bits_at(block.payload, index * low_width, RUN * low_width);
+    int high_plane = block.payload + 8 * UNIT;
     uint high = 0u;
-    if (high_width > 0) high = bits_at(block.payload + 8 * UNIT, index * high_width, RUN * high_width);
+    if (high_width > 0) high = bits_at(high_plane, index * high_width, RUN * high_width);
     uint levels = max((1u << block.width) - 1u, 1u);  // of no bits, one value: the first
     for (int i = 0; i < RUN; ++i) {
         uint number = bitfieldExtract(low, i * low_width, low_width) |

@@ -13,8 +13,10 @@ layout(std430, binding = 2) readonly buffer Codebook { uint codebook[]; };
 
 #if ${IS_FLOAT}
 #define SUM double
+#define EXACT precise  // else a compiler may add in another order
 #else
 #define SUM int
+#define EXACT
 #endif
 
 // Codeword i of those that begin at a word of the codebook; details are signed.
@@ -55,9 +57,10 @@ void read_node(inout Cell cell, bool is_null, SUM average, out SUM c[8]) {
 // the same, and take a compiler on a CPU a second.
 SUM part_of(SUM c[8], int i) {
     SUM z = SUM(1 - 2 * (i >> 2)), y = SUM(1 - 2 * (i >> 1 & 1)), x = SUM(1 - 2 * (i & 1));
-    SUM low = c[0] + z * c[1] + y * (c[2] + z * c[3]);
-    SUM high = c[4] + z * c[5] + y * (c[6] + z * c[7]);
-    return low + x * high;
+    EXACT SUM low = c[0] + z * c[1] + y * (c[2] + z * c[3]);
+    EXACT SUM high = c[4] + z * c[5] + y * (c[6] + z * c[7]);
+    EXACT SUM part = low + x * high;
+    return part;
 }
 
 void put_voxel(Part part, ivec3 voxel, float stored) {
@@ -70,9 +73,10 @@ void put_voxel(Part part, ivec3 voxel, float stored) {
 void put_node(Part part, ivec3 first, SUM c[8]) {
     SUM least = SUM(sample_at(part.code_words.x + 11, 0));
     SUM greatest = SUM(sample_at(part.code_words.x + 12, 0));
-    for (int i = 0; i < 8; ++i)
-        put_voxel(part, first + ivec3(i & 1, i >> 1 & 1, i >> 2),
-                  to_stored(SAMPLE(clamp(part_of(c, i), least, greatest))));
+    for (int i = 0; i < 8; ++i) {
+        EXACT SAMPLE voxel = SAMPLE(clamp(part_of(c, i), least, greatest));
+        put_voxel(part, first + ivec3(i & 1, i >> 1 & 1, i >> 2), to_stored(voxel));
+    }
 }
 
 void put_background(Part part, ivec3 first) {
