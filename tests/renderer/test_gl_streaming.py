@@ -41,6 +41,7 @@ def test_the_first_picture_comes_before_the_bricks_and_the_last_is_the_whole(
     first = next(pictures)
     assert first.stats.bricks["substituted"] > 0
     assert not first.fidelity.converged
+    assert first.fidelity.coarsest_level == len(source.levels) - 1
     wanted = renderer.render(
         ArraySource(blobs, codec=S3dc(), brick=16), camera, FUNCTION, SIZE, level=0
     )
@@ -50,6 +51,7 @@ def test_the_first_picture_comes_before_the_bricks_and_the_last_is_the_whole(
     source.release.set()
     *_, last = pictures
     assert last.fidelity.converged
+    assert last.fidelity.coarsest_level is None
     np.testing.assert_array_equal(last.premultiplied, wanted.premultiplied)
 
 

@@ -179,7 +179,7 @@ class GpuFiller:
         last = len(source.levels) - 1
         if content.level < last:
             self._bring_coarsest(source, codes_of(last), source.levels[last].grid_zyx)
-        alone = self._substitution.fill(
+        alone, filled.nlevels_up = self._substitution.fill(
             codes_of, content.level, last + 1, target, value_range, pending
         )
         if alone:  # the coarsest level itself: a few bricks, which are waited for

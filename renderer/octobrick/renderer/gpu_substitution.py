@@ -56,8 +56,8 @@ class GpuSubstitution:
         target: Target,
         value_range: tuple[float, float],
         bricks: Sequence[Zyx],
-    ) -> list[Zyx]:
-        """Show bricks by the finest coarser ones that are resident; those that have none.
+    ) -> tuple[list[Zyx], int]:
+        """Show bricks by the finest coarser ones that are resident.
 
         Args:
             codes_of: the bricks of a level.
@@ -66,6 +66,9 @@ class GpuSubstitution:
             target: the slab.
             value_range: of a volume of float32: what is stored as 0 and 1.
             bricks: of the level.
+
+        Returns:
+            the bricks that no coarser one can stand for, and how much coarser the coarsest is.
         """
         alone: list[Zyx] = []
         by_ancestor: dict[tuple[int, Zyx], list[Zyx]] = defaultdict(list)
@@ -79,7 +82,7 @@ class GpuSubstitution:
                 by_ancestor[up, ancestor(zyx, up)].append(zyx)
         for (up, coarse_zyx), members in by_ancestor.items():
             self._enlarge(codes_of(level + up), up, coarse_zyx, members, target, value_range)
-        return alone
+        return alone, max((up for up, _ in by_ancestor), default=0)
 
     def release(self) -> None:
         """Free the memory kept for the next slab."""

@@ -141,6 +141,7 @@ class VoxelBox:
         out = self._voxels[_within(part, self.region)]
         out[...] = enlarged(coarse, part, nlevels_up)
         self._finish(part, out, substituted=True)
+        self.filled.nlevels_up = max(self.filled.nlevels_up, nlevels_up)
 
     def texels(self) -> Texels:
         """What the slab texture holds of the content's box."""

@@ -24,6 +24,7 @@ class Fidelity:
 
     Attributes:
         level: that was shown.
+        coarsest_level: that stands for bricks which are still to come; None where none is.
         finest_level_wanted: the one that has a voxel for every pixel.
         max_error: largest difference between a decoded voxel and that level's own, in values, over
             the bricks that were sampled.
@@ -34,6 +35,7 @@ class Fidelity:
     finest_level_wanted: int
     max_error: float
     converged: bool
+    coarsest_level: int | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""

@@ -312,4 +312,5 @@ def _fidelity(request: RenderRequest, plan: FramePlan, drawn: Drawn) -> Fidelity
         finest_level_wanted=wanted,
         max_error=max((float(e.max()) for e in errors if e.size), default=0.0),
         converged=plan.level <= wanted and not drawn.filled.nsubstituted,
+        coarsest_level=plan.level + drawn.filled.nlevels_up if drawn.filled.nlevels_up else None,
     )

@@ -44,12 +44,14 @@ class Filled:
         nbricks: decoded.
         nabsent: of them, bricks that have no bytes: all of their voxels have the fill value.
         nsubstituted: bricks that are not there yet, shown by coarser ones meanwhile.
+        nlevels_up: how much coarser the coarsest of those is.
     """
 
     nvoxels: int = 0
     nbricks: int = 0
     nabsent: int = 0
     nsubstituted: int = 0
+    nlevels_up: int = 0
 
     def add(self, other: Filled) -> None:
         """Count another slab's too."""
@@ -57,6 +59,7 @@ class Filled:
         self.nbricks += other.nbricks
         self.nabsent += other.nabsent
         self.nsubstituted += other.nsubstituted
+        self.nlevels_up = max(self.nlevels_up, other.nlevels_up)
 
 
 class SlabFiller(Protocol):
