@@ -132,7 +132,8 @@ def fill(
 
 def require_alike(found: NDArray[Any], wanted: NDArray[np.float64]) -> None:
     error = np.abs(found.astype(np.float64) - wanted)
-    assert error.max() <= TOLERANCE[found.dtype.kind], np.argwhere(error == error.max())[0]
+    worst = np.unravel_index(error.argmax(), error.shape)
+    assert error.max() <= TOLERANCE[found.dtype.kind], (worst, found[worst], wanted[worst])
 
 
 CODECS: dict[str, Codec] = {
