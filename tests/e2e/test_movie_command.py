@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 
-from octobrick.renderer import Camera
+from octobrick.renderer import Camera, Renderer
 from octobrick.server.cli import main
 from octobrick.server.view import View
 from octobrick.store import ingest, open_volume
@@ -76,6 +76,27 @@ def test_time_steps_share_a_camera_that_sees_them_all(
     assert lit[0] < lit[-1] / 3
     assert movie(tmp_path / "some", "--times", "1::2").exit_code == 0
     assert len(frames(tmp_path / "some")) == 2
+
+
+def test_the_next_time_step_is_read_while_one_is_drawn(
+    movie: Callable[..., Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps: list[tuple[str, int]] = []
+    for name in ("prefetch", "render"):
+        done = getattr(Renderer, name)
+
+        def noted(
+            self: Renderer, *args: Any, _name: str = name, _done: Any = done, **scene: Any
+        ) -> Any:
+            steps.append((_name, scene["t"]))
+            return _done(self, *args, **scene)
+
+        monkeypatch.setattr(Renderer, name, noted)
+    result = movie(tmp_path / "time", "--times", ":2")
+    assert result.exit_code == 0, result.stderr
+    assert steps == [("prefetch", 1), ("render", 0), ("render", 1)]
+    movie(tmp_path / "turn", "--frames", 2)
+    assert [name for name, _ in steps[3:]] == ["render", "render"]
 
 
 def test_cameras_come_from_a_file(

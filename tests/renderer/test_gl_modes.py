@@ -224,6 +224,25 @@ def test_channels_in_one_place_stop_light_together(renderer: Renderer) -> None:
     np.testing.assert_allclose(image.premultiplied[..., 0], alpha / 2, atol=1e-3)
 
 
+@pytest.mark.parametrize("mode", ["dvr", "mip"])
+def test_rays_that_end_early_do_not_mix_up_the_channels_of_others(
+    renderer: Renderer, mode: str
+) -> None:
+    """Lit, in perspective: beside each other lie rays of all lengths."""
+    z, y, x = np.ogrid[-20:20, -20:20, -20:20]
+    ball = np.clip(250 - 11 * np.sqrt(z * z + y * y + x * x), 0, None).astype(np.uint8)
+    air = np.zeros_like(ball)
+    source = Channels([ArraySource(a, brick=16, nlevels=1) for a in (ball, air, air)])
+    camera = Camera.orbit(source, 20, 30)
+    function = TransferFunction(GREY.colors, ((0.0, 0.0), (0.2, 0.0), (1.0, 0.5)))
+    alone, beside = (
+        renderer.render(source, camera, function, (48, 48), c=c, window=(0, 255), mode=mode)
+        for c in (0, (2, 0, 1))
+    )
+    assert alone.premultiplied[..., 3].max() > 0.2
+    np.testing.assert_allclose(beside.premultiplied, alone.premultiplied, atol=1e-4)
+
+
 def test_three_channels_are_the_colours_of_their_voxels(renderer: Renderer) -> None:
     colors = np.random.default_rng(3).integers(0, 256, (3, *SHAPE)).astype(np.uint8)
     source = Channels([ArraySource(a, brick=8, nlevels=1) for a in colors])

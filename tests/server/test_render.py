@@ -16,6 +16,7 @@ from PIL import Image
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
 from octobrick.renderer import (
     Camera,
+    Clip,
     GraphicsContextError,
     PictureTooLargeError,
     TransferFunction,
@@ -57,13 +58,20 @@ def test_defaults_are_those_of_the_command_line(client: Any, renderer: Any, data
     del got["camera"], got["transfer_function"]
     assert got == {
         "size": (8, 8),
+        "mode": "dvr",
         "window": None,
         "shading": True,
+        "gradients": "auto",
+        "edges": None,
+        "deblocking": False,
+        "clip": Clip(),
         "background": (0.0, 0.0, 0.0),
         "step_voxels": 0.5,
         "level": None,
         "t": 0,
         "c": 0,
+        "rgb": False,
+        "depth": False,
     }
 
 
@@ -73,6 +81,7 @@ def test_every_word_of_a_query_reaches_the_renderer(
     query = (
         "azimuth=10&elevation=-20&distance=300&fov=45&fit=volume&projection=orthographic&preset=mr&width=20"
         "&height=10&window=5,50.5&shading=false&background=ff8000&step_voxels=1.5&level=2&t=0&c=0"
+        "&mode=mip&gradients=differences&deblocking=true"
     )
     assert client.get(f"{RENDER}?{query}").status_code == 200
     (asked,) = renderer.asked
@@ -84,6 +93,7 @@ def test_every_word_of_a_query_reaches_the_renderer(
     assert asked["shading"] is False
     assert asked["background"] == pytest.approx((1, 128 / 255, 0))
     assert (asked["step_voxels"], asked["level"]) == (1.5, 2)
+    assert (asked["mode"], asked["gradients"], asked["deblocking"]) == ("mip", "differences", True)
 
 
 def test_a_transfer_function_of_ones_own_is_used(client: Any, renderer: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -12,6 +12,7 @@ from octobrick.server.errors import LimitError
 from octobrick.server.settings import Settings
 from octobrick.server.view import (
     Fit,
+    GradientSource,
     Projection,
     Rgb,
     View,
@@ -23,6 +24,9 @@ from octobrick.server.view import (
 if TYPE_CHECKING:
     from octobrick.renderer import TransferFunction
 
+
+PlainMode = Literal["dvr", "mip", "minip", "average"]
+"""Modes that need nothing but their name."""
 
 _BACKGROUND = "rrggbb, or r,g,b from 0 to 1, or transparent."
 
@@ -56,15 +60,21 @@ class _RenderFields(BaseModel):
         view.FOV_DEGREES, gt=0, lt=180, description="Degrees across the picture's shorter side."
     )
     projection: Projection = Field("perspective", description="Of the camera.")
-    preset: str = Field(
-        view.PRESET,
+    preset: str | None = Field(
+        None,
         max_length=64,
-        description="Transfer function: ct-bone, ct-soft-tissue, mr or microscopy.",
+        description="Transfer function: ct-bone, ct-soft-tissue, mr or microscopy. Without, "
+        "ct-bone; greys for projections.",
         examples=["ct-bone"],
     )
     width: int = Field(view.SIZE[0], ge=1, description="Pixels.", examples=[96])
     height: int = Field(view.SIZE[1], ge=1, description="Pixels.", examples=[64])
+    mode: PlainMode = Field("dvr", description="What rays make of their samples.")
     shading: bool = Field(True, description="Light surfaces by the gradient.")
+    gradients: GradientSource = Field(
+        "auto", description="What surfaces are lit by: the volume's gradients, or differences."
+    )
+    deblocking: bool = Field(False, description="Smooth what the codec's blocks left.")
     step_voxels: float = Field(
         view.STEP_VOXELS, ge=0.1, le=16, description="Distance of samples along a ray, in voxels."
     )
@@ -104,8 +114,9 @@ class _RenderFields(BaseModel):
         background: Rgb | None,
         own_function: TransferFunction | None = None,
     ) -> View:
+        preset = None if self.preset is None else preset_function(self.preset)
         return View(
-            transfer_function=own_function or preset_function(self.preset),
+            transfer_function=own_function or preset,
             azimuth=self.azimuth,
             elevation=self.elevation,
             fit=self.fit,
@@ -113,8 +124,11 @@ class _RenderFields(BaseModel):
             fov=self.fov,
             projection=self.projection,
             size=(self.width, self.height),
+            mode=self.mode,
             window=window,
             shading=self.shading,
+            gradients=self.gradients,
+            deblocking=self.deblocking,
             background=background,
             step_voxels=self.step_voxels,
             level=self.level,

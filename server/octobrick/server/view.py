@@ -10,25 +10,36 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.server.own_functions import own_functions
 
 if TYPE_CHECKING:
-    from octobrick.renderer import Camera, RenderedImage, Renderer, TransferFunction
-    from octobrick.renderer.camera import Bounds
+    from octobrick.renderer import (
+        Camera,
+        Isosurface,
+        Light,
+        RenderedImage,
+        Renderer,
+        Slice,
+        TransferFunction,
+    )
     from octobrick.store import Volume
 
 Rgb = tuple[float, float, float]
+Xyz = tuple[float, float, float]
+Window = tuple[float, float]
 Projection = Literal["perspective", "orthographic"]
 Fit = Literal["visible", "volume"]
+ModeName = Literal["dvr", "mip", "minip", "average", "isosurface", "slice"]
+GradientSource = Literal["auto", "stored", "differences"]
 
 AZIMUTH_DEGREES = 30.0
 ELEVATION_DEGREES = 15.0
 FOV_DEGREES = 30.0
 SIZE = (768, 768)
 STEP_VOXELS = 0.5
-PRESET = "ct-bone"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,42 +47,100 @@ class View:
     """One picture of a volume; the defaults are those of the command line and of the service.
 
     Args:
-        transfer_function: what turns values into colour and opacity.
+        transfer_function: what turns values into colour and opacity, of each channel or of all;
+            None for what `own_functions` finds.
         azimuth: degrees around the volume.
         elevation: degrees above its middle.
         fit: what the camera looks at: what the transfer function shows, or all of the volume.
         distance: world units from the centre of that; None where all of it is in view.
         fov: degrees across the shorter side of the picture.
         projection: of the camera.
+        oriented: angles are meant in the space of the volume's source, such as a patient's.
         size: (width, height) in pixels.
-        window: values at the ends of the transfer function; None for the volume's own.
+        mode: what rays make of their samples.
+        iso: value of an isosurface.
+        iso_opacity: of an isosurface.
+        slice_normal: world direction across a slice; None for a slice that faces the camera.
+        slice_point: world position on a slice; None for the middle of the volume.
+        window: values at the ends of the transfer function, of each channel or of all; None for
+            the volume's own.
         shading: light surfaces by the gradient.
+        lights: where light comes from, instead of from the eye.
+        gradients: those that the volume stores, or differences of what is shown.
+        edges: magnitudes of the gradient at which opacity begins and is complete.
+        deblocking: smooth what the codec's blocks left, perhaps at a strength.
+        clip_box: low (x, y, z) and high (x, y, z) in world space; None for an open side.
+        clip_planes: (nx, ny, nz, offset) of half-spaces, as `Clip` has them.
         background: red, green and blue, 0 to 1; None for transparent.
         step_voxels: distance of samples along a ray.
         level: resolution to render; None for the renderer's choice.
         t: time step.
-        c: channel.
+        c: channel, or several.
+        rgb: three channels are red, green and blue; those of c, or 0, 1 and 2.
+        depth: tell how far away is what is seen.
         scale_bar: draw a length on the picture.
         legend: draw the colours of its values on it.
+
+    Raises:
+        InvalidInputError: fields that do not go together.
     """
 
-    transfer_function: TransferFunction
+    transfer_function: TransferFunction | tuple[TransferFunction, ...] | None = None
     azimuth: float = AZIMUTH_DEGREES
     elevation: float = ELEVATION_DEGREES
     fit: Fit = "visible"
     distance: float | None = None
     fov: float = FOV_DEGREES
     projection: Projection = "perspective"
+    oriented: bool = False
     size: tuple[int, int] = SIZE
-    window: tuple[float, float] | None = None
+    mode: ModeName = "dvr"
+    iso: float | None = None
+    iso_opacity: float = 1.0
+    slice_normal: Xyz | None = None
+    slice_point: Xyz | None = None
+    window: Window | tuple[Window, ...] | None = None
     shading: bool = True
+    lights: tuple[Light, ...] = ()
+    gradients: GradientSource = "auto"
+    edges: tuple[float, float] | None = None
+    deblocking: bool | float = False
+    clip_box: tuple[float | None, ...] | None = None
+    clip_planes: tuple[tuple[float, float, float, float], ...] = ()
     background: Rgb | None = (0.0, 0.0, 0.0)
     step_voxels: float = STEP_VOXELS
     level: int | None = None
     t: int = 0
-    c: int = 0
+    c: int | tuple[int, ...] = 0
+    rgb: bool = False
+    depth: bool = False
     scale_bar: bool = False
     legend: bool = False
+
+    def __post_init__(self) -> None:
+        is_surface, is_slice = self.mode == "isosurface", self.mode == "slice"
+        unlit = not self.shading or self.mode not in ("dvr", "isosurface")
+        cut = self.slice_normal is not None or self.slice_point is not None
+        several = self.rgb or not isinstance(self.c, int)
+        for wrong, field, message in (
+            (is_surface and self.iso is None, "iso", "mode isosurface needs its value, iso"),
+            (not is_surface and self.iso is not None, "iso", f"mode {self.mode} has no iso value"),
+            (not is_surface and self.iso_opacity != 1, "iso_opacity", "is that of an isosurface"),
+            (cut and not is_slice, "mode", f"mode {self.mode} has no plane; choose mode slice"),
+            (
+                self.lights and unlit,
+                "lights",
+                "neither slices, projections nor no shading have any",
+            ),
+            (several and self.legend, "legend", "is that of one channel; leave it out"),
+        ):
+            if wrong:
+                raise InvalidInputError(f"{field}: {message}", field=field)
+
+    @property
+    def channels(self) -> int | tuple[int, ...]:
+        """The channels that are shown: one, or several."""
+        return (0, 1, 2) if self.rgb and self.c == 0 else self.c
 
     def camera(self, volume: Volume, times: Iterable[int] | None = None) -> Camera:
         """Where the picture is taken from.
@@ -81,15 +150,32 @@ class View:
             times: steps of which all that is visible shall be in view; None for the view's own.
 
         Raises:
-            InvalidInputError: a distance or an angle that no camera can have.
+            InvalidInputError: a distance or an angle that no camera can have, or a volume whose
+                source had no orientation where that was asked for.
         """
         from octobrick.renderer import Camera
+        from octobrick.server.view_bounds import bounds_of
 
-        bounds = self._visible_bounds(volume, times) if self.fit == "visible" else None
+        bounds = bounds_of(self, volume, (self.t,) if times is None else times)
         camera = Camera.orbit(
             volume, self.azimuth, self.elevation, self.distance, self.fov, bounds=bounds
         )
-        return camera.orthographic() if self.projection == "orthographic" else camera
+        if self.projection == "orthographic":
+            camera = camera.orthographic()
+        return self.turned(camera, volume)
+
+    def turned(self, camera: Camera, volume: Volume) -> Camera:
+        """A camera, turned by the orientation of the volume's source if the view asks for that."""
+        if not self.oriented:
+            return camera
+        direction = volume.metadata()["source"].get("direction")
+        if direction is None:
+            raise InvalidInputError(
+                f"oriented: the source of {volume.name} did not say how it is oriented; leave it "
+                "out",
+                field="oriented",
+            )
+        return camera.turned(direction)
 
     def render(
         self,
@@ -112,40 +198,69 @@ class View:
             OctobrickError: of the store or the renderer.
         """
         camera = camera or self.camera(volume)
-        image = renderer.render(
-            volume,
-            camera,
-            self.transfer_function,
-            size=self.size,
-            window=self.window,
-            shading=self.shading,
-            background=self.background,
-            step_voxels=self.step_voxels,
-            level=self.level,
-            t=self.t if t is None else t,
-            c=self.c,
-        )
+        scene = self._scene(volume, camera, self.t if t is None else t)
+        image = renderer.render(volume, camera, self.functions(volume), **scene)
         return self._annotated(image, camera, volume)
 
+    def prefetch(self, renderer: Renderer, volume: Volume, camera: Camera, t: int) -> None:
+        """Read what a later `render` with this camera and time step needs, in the background."""
+        scene = self._scene(volume, camera, t)
+        renderer.prefetch(volume, camera, self.functions(volume), **scene)
+
+    def functions(self, volume: Volume) -> TransferFunction | tuple[TransferFunction, ...]:
+        """The transfer function of all channels, or one for each."""
+        return self.transfer_function or own_functions(self, volume)
+
+    def _scene(self, volume: Volume, camera: Camera, t: int) -> dict[str, Any]:
+        """What `Renderer.render` takes by name."""
+        from octobrick.renderer import Clip, Lighting
+
+        low, high = (self.clip_box or (None,) * 6)[:3], (self.clip_box or (None,) * 6)[3:]
+        clip = Clip(_corner(low, -math.inf), _corner(high, math.inf), self.clip_planes)
+        return {
+            "size": self.size,
+            "mode": self._mode(volume, camera),
+            "window": self.window,
+            "shading": Lighting(lights=self.lights) if self.lights else self.shading,
+            "gradients": self.gradients,
+            "edges": self.edges,
+            "deblocking": self.deblocking,
+            "clip": clip,
+            "background": self.background,
+            "step_voxels": self.step_voxels,
+            "level": self.level,
+            "t": t,
+            "c": self.channels,
+            "rgb": self.rgb,
+            "depth": self.depth,
+        }
+
+    def _mode(self, volume: Volume, camera: Camera) -> ModeName | Isosurface | Slice:
+        from octobrick.renderer import Isosurface, Slice
+        from octobrick.renderer.camera import world_bounds
+
+        if self.mode == "isosurface" and self.iso is not None:
+            return Isosurface(self.iso, self.iso_opacity)
+        if self.mode != "slice":
+            return self.mode
+        low, high = world_bounds(volume)
+        middle, (_, _, forward) = (low + high) / 2, camera.basis_world()
+        return Slice(self.slice_point or tuple(middle), self.slice_normal or tuple(forward))
+
     def _annotated(self, image: RenderedImage, camera: Camera, volume: Volume) -> RenderedImage:
-        from octobrick.renderer import with_legend, with_scale_bar
+        from octobrick.renderer import TransferFunction, with_legend, with_scale_bar
 
         if self.scale_bar:
             image = with_scale_bar(image, camera, volume.unit)
-        return with_legend(image, self.transfer_function) if self.legend else image
+        function = self.functions(volume)
+        if self.legend and isinstance(function, TransferFunction):
+            image = with_legend(image, function)
+        return image
 
-    def _visible_bounds(self, volume: Volume, times: Iterable[int] | None) -> Bounds:
-        import numpy as np
 
-        from octobrick.renderer import visible_bounds
-
-        function, window = self.transfer_function, self.window
-        boxes = [
-            visible_bounds(volume, function, window, t=t, c=self.c)
-            for t in ((self.t,) if times is None else times)
-        ]
-        lows, highs = zip(*boxes, strict=True)
-        return np.min(lows, axis=0), np.max(highs, axis=0)
+def _corner(corner: tuple[float | None, ...], open_end: float) -> Xyz:
+    x, y, z = (open_end if end is None else end for end in corner)
+    return x, y, z
 
 
 def preset_function(name: str) -> TransferFunction:

@@ -19,6 +19,17 @@ vec3 decode_direction(vec3 code) {
     return found * sign(at);
 }
 
+// By constants, as in slab.glsl.
 vec3 direction_at(int channel, vec3 p_voxel) {
-    return decode_direction(textureLod(directions[channel], texture_position(p_voxel), 0.0).rgb);
+    vec3 at = texture_position(p_voxel);
+#if ${CHANNELS} > 1
+    if (channel == 1) return decode_direction(textureLod(directions[1], at, 0.0).rgb);
+#endif
+#if ${CHANNELS} > 2
+    if (channel == 2) return decode_direction(textureLod(directions[2], at, 0.0).rgb);
+#endif
+#if ${CHANNELS} > 3
+    if (channel == 3) return decode_direction(textureLod(directions[3], at, 0.0).rgb);
+#endif
+    return decode_direction(textureLod(directions[0], at, 0.0).rgb);
 }

@@ -46,9 +46,17 @@ bool cell_is_visible(ivec3 at) {
         + 0.7152 * texelFetch(cell_range[1], at, 0).rg + 0.0722 * texelFetch(cell_range[2], at, 0).rg;
     return can_be_visible(0, range);
 #else
-    bool visible = false;
-    for (int channel = 0; channel < CHANNELS; ++channel)
-        visible = visible || can_be_visible(channel, texelFetch(cell_range[channel], at, 0).rg);
+    // By constants, as in slab.glsl.
+    bool visible = can_be_visible(0, texelFetch(cell_range[0], at, 0).rg);
+#if ${CHANNELS} > 1
+    visible = visible || can_be_visible(1, texelFetch(cell_range[1], at, 0).rg);
+#endif
+#if ${CHANNELS} > 2
+    visible = visible || can_be_visible(2, texelFetch(cell_range[2], at, 0).rg);
+#endif
+#if ${CHANNELS} > 3
+    visible = visible || can_be_visible(3, texelFetch(cell_range[3], at, 0).rg);
+#endif
     return visible;
 #endif
 }

@@ -15,6 +15,18 @@ vec3 texture_position(vec3 p_voxel) {
     return (p - content_low_voxel) * per_texel;
 }
 
+// Textures are chosen by constants. An index that varies in a loop is uniform among the invocations
+// that still run it, but llvmpipe takes that of one which may have left.
 float stored_at(int channel, vec3 p_voxel) {
-    return textureLod(slab[channel], texture_position(p_voxel), 0.0).r;
+    vec3 at = texture_position(p_voxel);
+#if ${CHANNELS} > 1
+    if (channel == 1) return textureLod(slab[1], at, 0.0).r;
+#endif
+#if ${CHANNELS} > 2
+    if (channel == 2) return textureLod(slab[2], at, 0.0).r;
+#endif
+#if ${CHANNELS} > 3
+    if (channel == 3) return textureLod(slab[3], at, 0.0).r;
+#endif
+    return textureLod(slab[0], at, 0.0).r;
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from octobrick.server.cli.progress import FrameReport
 from octobrick.server.cli.stoppable import stoppable
 from octobrick.server.cli.text import format_nbytes, format_seconds
 from octobrick.server.cli.values import steps
-from octobrick.server.cli.view_options import view_of, view_options
+from octobrick.server.cli.view_options import holds_depth, view_of, view_options
 
 if TYPE_CHECKING:
     from octobrick.renderer import Camera, Shot
@@ -82,7 +82,7 @@ def movie(
         raise click.UsageError("--turntable, --times and --cameras exclude one another.")
     if times is not None and (frames is not None or options["t"]):
         raise click.UsageError("--times says which frames there are: leave --frames and --t out.")
-    view = view_of(options)
+    view = replace(view_of(options), depth=holds_depth(out))
     keys = None if cameras is None else _read_cameras(cameras)
     how = Writing(fps, quality, resume, overwrite)
     output = movie_output(out, view, how)
@@ -95,6 +95,9 @@ def movie(
                 if output.has(index):
                     made.kept += 1
                 else:
+                    if shot.t != shots[min(index + 1, len(shots) - 1)].t:
+                        following = shots[index + 1]
+                        view.prefetch(renderer, opened, following.camera, following.t)
                     image = view.render(renderer, opened, camera=shot.camera, t=shot.t)
                     write(index, image)
                     made.max_error = max(made.max_error, image.fidelity.max_error)
@@ -119,7 +122,8 @@ def _shots(
     if keys is not None:
         return [Shot(camera, view.t) for camera in camera_path(keys, nframes)]
     if times is None:
-        return turntable(view.camera(volume), nframes, t=view.t)
+        around = turntable(replace(view, oriented=False).camera(volume), nframes, t=view.t)
+        return [Shot(view.turned(shot.camera, volume), shot.t) for shot in around]
     start, stop, step = times
     stop = volume.nt if stop is None else stop
     if not 0 <= start < stop <= volume.nt:
@@ -146,15 +150,13 @@ def _read_cameras(file: Path) -> list[Camera]:
 
 def _shown(volume: Volume, view: View, shots: list[Shot], quality: int | None) -> dict[str, Any]:
     """All that decides what the frames look like, JSON-ready."""
-    values = {field.name: getattr(view, field.name) for field in fields(view)}
-    values["transfer_function"] = json.loads(view.transfer_function.to_json())
     every = json.dumps([[shot.t, shot.camera.to_dict()] for shot in shots])
     return {
         "octobrick_movie": 1,
         "revision": volume.revision,
         "frames": len(shots),
         "quality": quality,
-        **values,
+        **asdict(view),
         "cameras and times": hashlib.blake2b(every.encode(), digest_size=16).hexdigest(),
     }
 

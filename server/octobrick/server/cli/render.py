@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from octobrick.codec.errors import InvalidInputError
 from octobrick.server.cli.text import format_seconds
 from octobrick.server.cli.view_options import (
+    holds_depth,
     require_folder,
     require_no_annotations,
     view_of,
     view_options,
 )
+
+if TYPE_CHECKING:
+    from octobrick.renderer import RenderedImage
 
 
 @click.command()
@@ -32,8 +38,22 @@ from octobrick.server.cli.view_options import (
     type=click.IntRange(1, 100),
     help="Of .jpg and .webp.  [default: 92; lossless]",
 )
+@click.option(
+    "--depth",
+    "depth_file",
+    type=click.Path(path_type=Path),
+    metavar="FILE.npy",
+    help="Also write how far away is what is seen.",
+)
 @click.option("--stats", is_flag=True, help="Print what was done and what was lost, as JSON.")
-def render(volume: Path, output: Path, quality: int | None, stats: bool, **options: Any) -> None:
+def render(
+    volume: Path,
+    output: Path,
+    quality: int | None,
+    depth_file: Path | None,
+    stats: bool,
+    **options: Any,
+) -> None:
     """Render VOLUME, a folder made by ingest, to a picture file."""
     from octobrick.renderer import Renderer
     from octobrick.renderer.picture_files import holds_floats, require_picture
@@ -44,9 +64,14 @@ def render(volume: Path, output: Path, quality: int | None, stats: bool, **optio
     require_picture(output, quality, transparent=view.background is None)
     if holds_floats(output):
         require_no_annotations(view, output)
+    if depth_file is not None:
+        _require_depth_file(depth_file)
+    view = replace(view, depth=depth_file is not None or holds_depth(output))
     with open_volume(volume) as opened, Renderer() as renderer:
         image = view.render(renderer, opened)
         image.save(output, quality=quality)
+        if depth_file is not None:
+            _save_depth(image, depth_file)
     if stats:
         report = {"fidelity": image.fidelity.to_dict(), "stats": image.stats.to_dict()}
         click.echo(json.dumps(report))
@@ -57,3 +82,19 @@ def render(volume: Path, output: Path, quality: int | None, stats: bool, **optio
             f"max error {image.fidelity.max_error:g}, "
             f"{format_seconds(image.stats.milliseconds['total'] / 1000)}"
         )
+
+
+def _require_depth_file(file: Path) -> None:
+    require_folder(file)
+    if file.suffix != ".npy":
+        raise InvalidInputError(f"{file}: depth is written as .npy; choose a name that ends so")
+
+
+def _save_depth(image: RenderedImage, file: Path) -> None:
+    import numpy as np
+
+    from octobrick.store.staging import staged_file
+
+    assert image.depth is not None
+    with staged_file(file.resolve(), overwrite=True) as partial, partial.open("wb") as stream:
+        np.save(stream, image.depth)

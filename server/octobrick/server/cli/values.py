@@ -35,6 +35,64 @@ def numbers(kind: type[int] | type[float], example: str) -> Callback:
     return parse
 
 
+def several(one: Callback) -> Callable[..., tuple[Any, ...]]:
+    """A callback for an option that may be repeated, each of its values parsed by another."""
+
+    def parse(
+        context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]
+    ) -> tuple[Any, ...]:
+        return tuple(one(context, parameter, text) for text in texts)
+
+    return parse
+
+
+def channels(
+    _context: click.Context, _parameter: click.Parameter, text: str
+) -> int | tuple[int, ...]:
+    """The callback for a channel, or several with commas between them."""
+    if not re.fullmatch(r"\d+(,\d+)*", text, re.ASCII):
+        raise click.BadParameter(f"{text!r} is not a channel like 0, or several like 0,2")
+    parsed = tuple(int(part) for part in text.split(","))
+    return parsed[0] if len(parsed) == 1 else parsed
+
+
+def corners(
+    _context: click.Context, _parameter: click.Parameter, text: str | None
+) -> tuple[float | None, ...] | None:
+    """The callback for a box in world space, such as ``0,0,,64,64,``; None for an open side."""
+    if text is None:
+        return None
+    try:
+        ends = tuple(float(part) if part.strip() else None for part in text.split(","))
+    except ValueError:
+        ends = ()
+    if len(ends) != 6:
+        raise click.BadParameter(
+            f"{text!r} is not a box like 0,0,0,64,64,32 (x0,y0,z0,x1,y1,z1); a part may be empty"
+        )
+    return ends
+
+
+def light(_context: click.Context, _parameter: click.Parameter, text: str | None) -> Any:
+    """The callback for a light: a direction towards it, or ``eye``, perhaps with a colour."""
+    from octobrick.renderer import Light
+
+    found = re.fullmatch(r"(eye|[^:]+)(?::#?([0-9a-fA-F]{6}))?", text or "")
+    try:
+        if found is None:
+            raise ValueError
+        toward = None if found[1] == "eye" else tuple(float(part) for part in found[1].split(","))
+        if toward is not None and len(toward) != 3:
+            raise ValueError
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} is not a light like 1,-1,2 or 1,-1,2:#ffcc88 or eye"
+        ) from None
+    color = found[2] or "ffffff"
+    red, green, blue = (int(color[i : i + 2], 16) / 255 for i in (0, 2, 4))
+    return Light(toward, (red, green, blue))
+
+
 _UNITS = {"": 1, "kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12}
 _UNITS |= {"kib": 2**10, "mib": 2**20, "gib": 2**30, "tib": 2**40}
 

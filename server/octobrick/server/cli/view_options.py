@@ -1,7 +1,7 @@
 """Options that say what a picture shows, shared by the commands that make some.
 
-Another option is a line of the table here, a field of `octobrick.server.view.View` of the same
-name, and a row in docs/cli.md for each command.
+Another option is a line of the table here, or of that in scene_options.py; a field of
+`octobrick.server.view.View` of the same name; and a row in docs/cli.md for each command.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import click
 
 from octobrick.codec.errors import InvalidInputError, NotFoundError
 from octobrick.server import view as defaults
-from octobrick.server.cli.values import numbers, size
+from octobrick.server.cli.scene_options import SCENE_OPTIONS, scene_fields
+from octobrick.server.cli.values import channels, numbers, several, size
 from octobrick.server.view import View, parse_background, preset_function
 
 if TYPE_CHECKING:
@@ -62,21 +63,32 @@ _OPTIONS = (
         help="Of the camera.",
     ),
     click.option(
+        "--oriented", is_flag=True, help="Mean angles in the space of the source, as a patient's."
+    ),
+    click.option(
         "--preset",
-        default=defaults.PRESET,
-        show_default=True,
-        help="Transfer function: ct-bone, ct-soft-tissue, mr, microscopy.",
+        "presets",
+        multiple=True,
+        help="Transfer function: ct-bone, ct-soft-tissue, mr, microscopy; one for all channels, "
+        "or one for each.  [default: ct-bone; greys, ivory or the channels' colours, as fits]",
     ),
     click.option(
         "--transfer-function",
-        "function_file",
+        "function_files",
         type=click.Path(path_type=Path),
+        multiple=True,
         metavar="FILE",
-        help="Transfer function as JSON, instead of a preset.",
+        help="Transfer function as JSON, instead of a preset; likewise.",
     ),
     click.option(
-        "--window", metavar="LO,HI", callback=numbers(float, "-100,900"), help="Values at its ends."
+        "--window",
+        "windows",
+        multiple=True,
+        metavar="LO,HI",
+        callback=several(numbers(float, "-100,900")),
+        help="Values at its ends; likewise.",
     ),
+    *SCENE_OPTIONS,
     click.option(
         "--size",
         callback=size,
@@ -102,7 +114,14 @@ _OPTIONS = (
     ),
     click.option("--level", type=int, help="Resolution to render.  [default: as fits the picture]"),
     click.option("--t", type=int, default=0, show_default=True, help="Time step."),
-    click.option("--c", type=int, default=0, show_default=True, help="Channel."),
+    click.option(
+        "--c",
+        callback=channels,
+        default="0",
+        show_default=True,
+        metavar="C[,C…]",
+        help="Channel, or up to four.",
+    ),
     click.option("--scale-bar", is_flag=True, help="Draw a round length on the picture."),
     click.option("--legend", is_flag=True, help="Draw the colours of the values on it."),
 )
@@ -125,10 +144,16 @@ def view_of(given: dict[str, Any]) -> View:
         InvalidInputError: a preset or a colour that does not exist.
         NotFoundError: the file of the transfer function is missing.
     """
-    fields = dict(given)
-    function = _transfer_function(fields.pop("preset"), fields.pop("function_file"))
+    fields = scene_fields(given)
+    functions = _transfer_functions(fields.pop("presets"), fields.pop("function_files"))
+    windows = fields.pop("windows")
     background = parse_background(fields.pop("background"))
-    return View(transfer_function=function, background=background, **fields)
+    return View(
+        transfer_function=_one_or_all(functions),
+        window=_one_or_all(windows),
+        background=background,
+        **fields,
+    )
 
 
 def require_folder(path: Path) -> None:
@@ -139,6 +164,11 @@ def require_folder(path: Path) -> None:
     """
     if not path.absolute().parent.is_dir():
         raise NotFoundError(f"{path}: there is no such folder; make it, or name another")
+
+
+def holds_depth(path: Path) -> bool:
+    """Whether a picture file has a channel for the depth."""
+    return path.suffix.lower() == ".exr"
 
 
 def require_no_annotations(view: View, path: Path) -> None:
@@ -154,9 +184,22 @@ def require_no_annotations(view: View, path: Path) -> None:
         )
 
 
-def _transfer_function(preset: str, file: Path | None) -> TransferFunction:
-    if file is None:
-        return preset_function(preset)
+def _one_or_all(values: tuple[Any, ...]) -> Any:
+    """None of no values; of one, that for all channels."""
+    return values if len(values) > 1 else next(iter(values), None)
+
+
+def _transfer_functions(
+    presets: tuple[str, ...], files: tuple[Path, ...]
+) -> tuple[TransferFunction, ...]:
+    if presets and files:
+        raise click.UsageError(
+            "--preset and --transfer-function exclude one another; give only one of them."
+        )
+    return (*map(preset_function, presets), *map(_read_function, files))
+
+
+def _read_function(file: Path) -> TransferFunction:
     try:
         text = file.read_text()
     except FileNotFoundError as error:
