@@ -193,12 +193,9 @@ def _variant(request: RenderRequest, textures: SlabTextures) -> dict[str, str | 
         gradients = _STORED_DIRECTIONS if textures.directions else _DIFFERENCES
     statistic = request.mode.statistic if isinstance(request.mode, Projection) else "max"
     sampling = request.direct or "linear"
-    own: dict[str, str | int | bool] = (
-        {"CHANNELS": len(request.channels)}
-        if textures.direct is None
-        else textures.direct.shader_values(sampling)
-    )
+    own = {} if textures.direct is None else textures.direct.shader_values(sampling)
     return own | {
+        "CHANNELS": len(request.channels),
         "MODE": _MARCHES[request.mode.name],
         "STATISTIC": _STATISTICS[statistic],
         "RGB": request.rgb,

@@ -1,7 +1,7 @@
 // Values straight from S3Dc code at a fixed rate, without a slab: the three ways of the S3Dc paper
 // (claims S13 to S16). Indices of different blocks cannot be interpolated: voxels are decoded first.
 
-const int CHANNELS = 1;
+const int CHANNELS = ${CHANNELS};  // 1
 
 #include "codes.glsl"
 #include "samples.glsl"
