@@ -26,7 +26,7 @@ def test_its_passes_are_files() -> None:
     package = resources.files("octobrick.renderer")
     names = {p.name for p in package.iterdir()} | {p.name for p in (package / "shaders").iterdir()}
     table = re.findall(r"^\| \d \| `([^`]+)`", TEXT, re.MULTILINE)
-    assert len(table) == 6
+    assert len(table) == 9
     for name in table:
         pattern = re.compile(re.escape(name).replace(r"\*", ".*"))
         assert any(pattern.fullmatch(other) for other in names), name
