@@ -47,7 +47,7 @@ SCENES = (
     Scene("mri_vs_t1c.nii.gz", "mr"),
     Scene("sim_heptane.nii.gz", "microscopy"),
 )
-CODES = {"S3Dc 2 bits": S3dc((8, 8, 8), 2), "zerobit 2 %": Zerobit(0.02)}
+CODES: dict[str, S3dc | Zerobit] = {"S3Dc 2 bits": S3dc((8, 8, 8), 2), "zerobit 2 %": Zerobit(0.02)}
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import statistics
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +121,7 @@ def copy_rates() -> dict[str, float]:
         program["row"] = 256 * 16384
         one.bind_to_storage_buffer(0)
         other.bind_to_storage_buffer(1)
-        ways = {
+        ways: dict[str, Callable[[], object]] = {
             "shader": lambda: program.run(16384, nbytes // 16 // (256 * 16384)),
             "copy": lambda: gl.copy_buffer(other, one),
         }
@@ -185,7 +186,8 @@ def streamed(renderer: Renderer, volume: Volume, options: argparse.Namespace) ->
 def frame(
     renderer: Renderer, volume: Volume, kind: str, azimuth: float, zoom: float, side: int
 ) -> RenderedImage:
-    scene = {"level": 0, "transfer_function": TransferFunction.preset("ct-bone")} | KINDS[kind]
+    scene: dict[str, Any] = {"level": 0, "transfer_function": TransferFunction.preset("ct-bone")}
+    scene |= KINDS[kind]
     camera = Camera.orbit(volume, azimuth, 20).zoomed(zoom)
     image = renderer.render(volume, camera, size=(side, side), **scene)
     if not image.premultiplied.any():
