@@ -25,8 +25,9 @@ from .array_source import ArraySource
 pytestmark = pytest.mark.gl
 
 Codec = S3dc | Zerobit
-TOLERANCE = {"u": 0.5 + 0.02, "f": 1e-5}
-"""Half a unit in the last place of r16, and what float32 adds to that; and of the range."""
+TOLERANCE = {"u": 0.5 + 0.1, "f": 1e-5}
+"""Half a unit in the last place of r16, and what float32 adds to that, 0.01 on llvmpipe and 0.06 on
+a GPU; and of the range."""
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +142,7 @@ CODECS: dict[str, Codec] = {
     "4³ blocks": S3dc((4, 4, 4), 2),
     "16³ blocks": S3dc((16, 16, 16), 3),
     "odd blocks": S3dc((4, 16, 2), 2),
+    "blocks of 9": S3dc((9, 3, 9), 2),
     "fitted": S3dc(bits=2, fitted=True),
     "trained": S3dc(bits=3, scale="trained"),
     "max_error": S3dc(max_error=1500),
@@ -161,7 +163,8 @@ def test_every_code_is_filtered_as_the_codec_does(
     context: GraphicsContext, dtype: str, name: str
 ) -> None:
     codec = CODECS[name]
-    source = ArraySource(volume((37, 42, 51), dtype), codec=codec, brick=16, nlevels=1)
+    brick = 18 if name == "blocks of 9" else 16
+    source = ArraySource(volume((37, 42, 51), dtype), codec=codec, brick=brick, nlevels=1)
     found = fill(context, source, Box.of_shape((37, 42, 51)))
     wanted = filtered(source, codec, 4)
     require_alike(found, wanted)

@@ -29,6 +29,15 @@ def small() -> Iterator[Renderer]:
         yield made
 
 
+def require_alike(
+    renderer: Renderer, direct: NDArray[np.float32], slabs: NDArray[np.float32]
+) -> None:
+    """As float32 on llvmpipe; GPUs interpolate slabs by weights of 8 bits."""
+    software = "llvmpipe" in renderer.gl_renderer
+    np.testing.assert_allclose(direct, slabs, atol=1e-3 if software else 0.04)
+    assert np.abs(direct - slabs).mean() < (1e-4 if software else 2e-3)
+
+
 @pytest.mark.parametrize("sampling", ["linear", "shared"])
 @pytest.mark.parametrize(
     ("dtype", "codec", "brick"),
@@ -57,7 +66,7 @@ def test_directly_sampled_bricks_look_as_decoded_ones(
             for way in (None, sampling)
         )  # fmt: skip
         assert slabs.premultiplied.any()
-        np.testing.assert_allclose(direct.premultiplied, slabs.premultiplied, atol=2e-3)
+        require_alike(renderer, direct.premultiplied, slabs.premultiplied)
         assert direct.stats.slabs == direct.stats.decoded_nbytes == 0
 
 
@@ -84,7 +93,7 @@ def test_absent_bricks_have_the_fill_value(renderer: Renderer) -> None:
         renderer.render(source, Camera.orbit(source), FUNCTION, SIZE, window=(0, 255), direct=way)
         for way in (None, "shared")
     )
-    np.testing.assert_allclose(direct.premultiplied, slabs.premultiplied, atol=1e-4)
+    require_alike(renderer, direct.premultiplied, slabs.premultiplied)
 
 
 @pytest.mark.parametrize("mode", ["mip", "average"])
@@ -97,7 +106,7 @@ def test_other_modes_go_without_slabs_too(
         renderer.render(source, camera, FUNCTION, SIZE, mode=mode, direct=way).premultiplied
         for way in (None, "linear")
     )
-    np.testing.assert_allclose(direct, slabs, atol=1e-4)
+    require_alike(renderer, direct, slabs)
 
 
 def test_what_cannot_be_sampled_directly_is_refused_with_what_to_do(

@@ -171,7 +171,8 @@ class Deblocker:
                 _places(decoded.box, box)
                 | {"first_border": borders.start, "count": curve.count, "outputs": curve.noutputs},
             )
-            nchunks = ceil_div(curve.noutputs, _chunk(volume.layout.block_zyx[axis]))
+            block = volume.layout.block_zyx[axis]
+            nchunks = ceil_div(block, _chunk(block))  # as the shader counts them
             across = [box.shape_zyx[a] for a in (2, 1, 0) if a != axis]
             run_over(program, (across[0], across[1], len(borders) * nchunks))
             self._gl.memory_barrier()

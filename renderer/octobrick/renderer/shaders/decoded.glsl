@@ -29,7 +29,7 @@ Work find_work() {
     Work work;
     work.part = parts[at.z / part_size.z];
     work.first = work.part.first_in_brick.xyz + ivec3(at.xy, at.z % part_size.z);
-    work.rows = at.x < part_size.x ? min(${ROWS}, part_size.y - at.y) : 0;
+    work.rows = at.x < part_size.x ? clamp(part_size.y - at.y, 0, ${ROWS}) : 0;
     return work;
 }
 
