@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from octobrick.codec import Zerobit
 from octobrick.renderer.brick_codes import BrickCodes
@@ -18,7 +18,7 @@ from octobrick.renderer.slab_buffer import PARTS_BUFFER, SLAB_IMAGE
 from octobrick.renderer.slab_filler import Filled
 from octobrick.renderer.slab_format import SlabFormat
 from octobrick.renderer.uniforms import run_over, set_uniforms
-from octobrick.store.box import Box, Zyx, ceil_div, cell_box
+from octobrick.store.box import Box, Zyx, ceil_div
 
 if TYPE_CHECKING:
     import moderngl
@@ -72,6 +72,52 @@ class Kernel:
 BatchDone = Callable[[Sequence[Resident]], None]
 
 
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What of some bricks lies in a box: rows (z, y, x) by brick.
+
+    Attributes:
+        places: of the bricks in the level's grid.
+        starts: first cell of each part.
+        shapes: cells of each part; 0 or less where the brick does not touch the box.
+        offsets: of each brick's first byte in its page.
+    """
+
+    places: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    shapes: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+
+    @property
+    def nvoxels(self) -> int:
+        """Cells of all parts."""
+        return int(np.maximum(self.shapes, 0).prod(axis=1).sum())
+
+    def of(self, rows: NDArray[np.intp]) -> Parts:
+        """Some of them."""
+        return Parts(self.places[rows], self.starts[rows], self.shapes[rows], self.offsets[rows])
+
+    def groups(self, batch: Sequence[Resident]) -> Iterator[tuple[Page | None, NDArray[np.intp]]]:
+        """Rows of the same page and shape, without those that have no cell in the box."""
+        pages: dict[Page | None, int] = {}
+        numbers = np.array([pages.setdefault(brick.page, len(pages)) for brick in batch])
+        by_number = list(pages)
+        touching = np.flatnonzero((self.shapes > 0).all(axis=1))
+        keys = np.column_stack([numbers[touching], self.shapes[touching]])
+        kinds, members = np.unique(keys, axis=0, return_inverse=True)
+        for i, kind in enumerate(kinds):
+            yield by_number[kind[0]], touching[members.ravel() == i]
+
+
+def _parts_of(batch: Sequence[Resident], brick_zyx: Zyx, box: Box) -> Parts:
+    places = np.array([brick.brick_zyx for brick in batch], np.int64).reshape(-1, 3)
+    low = places * brick_zyx
+    starts = np.maximum(low, box.start_zyx)
+    shapes = np.minimum(low + brick_zyx, box.stop_zyx) - starts
+    offsets = np.array([brick.offset_nbytes for brick in batch], np.int64)
+    return Parts(places, starts, shapes, offsets)
+
+
 class SlabDecoder:
     """Fills textures with the decoded voxels of bricks.
 
@@ -113,10 +159,8 @@ class SlabDecoder:
             set_uniforms(program, {"value_range": value_range})
         kernel = Kernel(program, layout.brick_zyx, layout.per_invocation_zyx)
         for batch in pool.batches(codes, bricks):
-            for brick in batch:
-                part = cell_box(brick.brick_zyx, layout.brick_zyx).intersect(target.box)
-                filled.nvoxels += part.nvoxels
-                filled.nabsent += brick.page is None
+            filled.nvoxels += _parts_of(batch, layout.brick_zyx, target.box).nvoxels
+            filled.nabsent += sum(brick.page is None for brick in batch)
             self.run(kernel, layout, target, batch)
             if batch_done is not None:
                 batch_done(batch)
@@ -136,42 +180,30 @@ class SlabDecoder:
 
         Bricks of a page whose parts have the same shape go together.
         """
-        groups: dict[tuple[Page | None, Zyx], list[tuple[Resident, Box]]] = defaultdict(list)
-        for brick in batch:
-            part = cell_box(brick.brick_zyx, kernel.brick_zyx).intersect(target.box)
-            if part.nvoxels:
-                groups[brick.page, part.shape_zyx].append((brick, part))
+        parts = _parts_of(batch, kernel.brick_zyx, target.box)
         target.texture.bind_to_image(SLAB_IMAGE, read=False, write=True)
-        for (page, shape_zyx), members in groups.items():
+        for page, members in parts.groups(batch):
             if page is None:
                 program = self._fill_program(target)
                 ready = Kernel(program, kernel.brick_zyx, (1, ROWS, RUN_MAX))
             else:
                 ready = kernel
                 self._bind(layout, page)
-            deepest = shape_zyx[0] + 2 * ready.per_invocation_zyx[0]
+            deepest = int(parts.shapes[members[0], 0]) + 2 * ready.per_invocation_zyx[0]
             n = min(PARTS_MAX, WORKGROUPS_MAX // deepest)
             for i in range(0, len(members), n):
-                self._dispatch(ready, layout, target.box, members[i : i + n])
+                self._dispatch(ready, layout, target.box, parts.of(members[i : i + n]))
 
-    def _dispatch(
-        self,
-        kernel: Kernel,
-        layout: CodeLayout,
-        box: Box,
-        members: list[tuple[Resident, Box]],
-    ) -> None:
+    def _dispatch(self, kernel: Kernel, layout: CodeLayout, box: Box, parts: Parts) -> None:
         """Handle parts of the same shape from one page."""
         step = np.array(kernel.per_invocation_zyx)
-        starts = np.array([part.start_zyx for _, part in members])
-        bricks = np.array([brick.brick_zyx for brick, _ in members]) * kernel.brick_zyx
-        first = starts - bricks
-        stop = first + members[0][1].shape_zyx
+        bricks = parts.places * kernel.brick_zyx
+        first = parts.starts - bricks
+        stop = first + parts.shapes
         aligned = first // step * step
-        records = np.zeros((len(members), PART_NBYTES // 16, 4), np.int32)
-        offsets = np.array([brick.offset_nbytes for brick, _ in members], np.int64)
-        records[:, 0, 0] = offsets // WORD_NBYTES
-        records[:, 0, 1] = self._codebook_word(layout, offsets)
+        records = np.zeros((len(bricks), PART_NBYTES // 16, 4), np.int32)
+        records[:, 0, 0] = parts.offsets // WORD_NBYTES
+        records[:, 0, 1] = self._codebook_word(layout, parts.offsets)
         records[:, 1, 0], records[:, 1, 1] = first[:, 1], stop[:, 1]
         records[:, 1, 2], records[:, 1, 3] = first[:, 0], stop[:, 0]
         records[:, 2, :3] = (bricks - box.start_zyx)[:, ::-1]
@@ -184,7 +216,7 @@ class SlabDecoder:
         set_uniforms(kernel.program, {"part_size": (width, height, depth)})
         self._parts.write(records.tobytes())
         self._parts.bind_to_storage_buffer(PARTS_BUFFER)
-        invocations = (ceil_div(width, dx), ceil_div(height, dy), depth // dz * len(members))
+        invocations = (ceil_div(width, dx), ceil_div(height, dy), depth // dz * len(bricks))
         run_over(kernel.program, invocations)
 
     @staticmethod
