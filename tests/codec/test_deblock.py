@@ -261,9 +261,7 @@ def test_an_infinite_bound_does_not_limit() -> None:
 
 
 @pytest.mark.parametrize(("bits", "expected"), [(1, "clamp"), (2, "clamp"), (3, None), (8, None)])
-def test_auto_clamps_codes_of_one_and_two_bits_to_a_part_of_the_bound(
-    bits: int, expected: Any
-) -> None:
+def test_auto_clamps_codes_of_one_and_two_bits(bits: int, expected: Any) -> None:
     volume = smooth((16, 16, 16))
     codec = S3dc((4, 4, 4), bits)
     code = codec.encode(volume)
@@ -272,7 +270,7 @@ def test_auto_clamps_codes_of_one_and_two_bits_to_a_part_of_the_bound(
     auto = deblock.rational_bezier(decoded, codec.block, 4, bounds)
     part = np.float32(0.4) * bounds
     clamped = deblock.rational_bezier(decoded, codec.block, 4, part, limit="clamp")
-    assert np.allclose(auto, clamped, rtol=1e-6) == (expected == "clamp")
+    assert np.allclose(auto, clamped, atol=1e-5) == (expected == "clamp")
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
