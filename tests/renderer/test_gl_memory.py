@@ -78,7 +78,7 @@ FUNCTION = TransferFunction(((0.0, (0.9, 0.7, 0.5)),), ((0.0, 0.004), (1.0, 0.02
 
 @pytest.mark.parametrize(
     ("share", "scene"),
-    [(8, {"shading": False}), (8, {}), (8, {"mode": "mip"}), (0.5, {"deblocking": True})],
+    [(8, {"shading": False}), (8, {}), (8, {"mode": "mip"}), (0.25, {"deblocking": True})],
     ids=str,
 )
 def test_a_scene_of_many_times_the_budget_renders_within_it(
