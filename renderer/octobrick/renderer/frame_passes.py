@@ -76,6 +76,7 @@ class FramePasses:
         cull: bool,
     ) -> None:
         self._cull = cull
+        self._filler = filler
         self._slabs = SlabSet(context, gl, filler)
         self._direct = DirectBricks(context, gl, limits.brick_nbytes)
         self._empty_space = EmptySpace(context, gl)
@@ -112,6 +113,11 @@ class FramePasses:
         """Gather a picture on the canvas."""
         drawn = Drawn(np.zeros_like(plan.selection.sampled))
         self._raycaster.begin(request, plan)
+        if request.direct is None:
+            self._direct.release()
+        else:  # both ways together would take twice the budget
+            self._filler.forget()
+            self._slabs.release()
         if plan.slabs is not None and request.direct is None:
             self._cast_slabs(request, plan, plan.slabs, clock, drawn)
         elif plan.slabs is not None:

@@ -80,6 +80,10 @@ class Renderer:
                 f"slab_budget {self._slab_nbytes} leaves nothing of memory_budget {total} for "
                 "compressed bricks; raise the one or lower the other"
             )
+        if decode not in get_args(DecodeOn):
+            raise InvalidInputError(
+                f"decode {decode!r}: choose one of {list(get_args(DecodeOn))}", option="decode"
+            )
         self._cull = cull
         self._context = GraphicsContext()
         self._limits = Limits(
@@ -87,7 +91,8 @@ class Renderer:
         )
         self._loader = BrickLoader(threads)
         self._last_camera: Camera | None = None
-        self.decodes_on = _decodes_on(decode, self._context)
+        on_cpu = self._context.software if decode == "auto" else decode == "cpu"
+        self.decodes_on: DecodeOn = "cpu" if on_cpu else "gpu"
         """Where bricks are held and decoded: "gpu" or "cpu"."""
         with self._context.current() as gl:
             self._filler: SlabFiller = (
@@ -104,8 +109,10 @@ class Renderer:
         self.close()
 
     def close(self) -> None:
-        """Free the context and all GPU memory, and end the threads that read. Idempotent."""
+        """Free the context and all memory, and end all threads. Idempotent."""
         self._loader.close()
+        with suppress(InvalidInputError), self._context.current():  # closed already
+            self._filler.forget()
         self._context.release()
 
     def forget_bricks(self) -> None:
@@ -291,14 +298,6 @@ class Renderer:
     @property
     def _uploaded_nbytes(self) -> int:
         return self._filler.uploaded_nbytes + self._passes.direct_uploaded_nbytes
-
-
-def _decodes_on(decode: DecodeOn, context: GraphicsContext) -> DecodeOn:
-    if decode not in get_args(DecodeOn):
-        raise InvalidInputError(
-            f"decode {decode!r}: choose one of {list(get_args(DecodeOn))}", option="decode"
-        )
-    return decode if decode != "auto" else "cpu" if context.software else "gpu"
 
 
 def _fidelity(request: RenderRequest, plan: FramePlan, drawn: Drawn) -> Fidelity:
