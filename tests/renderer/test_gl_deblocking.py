@@ -25,9 +25,10 @@ from .array_source import ArraySource
 pytestmark = pytest.mark.gl
 
 Codec = S3dc | Zerobit
-TOLERANCE = {"u": 0.5 + 0.1, "f": 1e-5}
-"""Half a unit in the last place of r16, and what float32 adds to that, 0.01 on llvmpipe and 0.06 on
-a GPU; and of the range."""
+TOLERANCE = {"u": 0.5 + 0.02, "f": 1e-5}
+"""Half a unit in the last place of r16, and what float32 adds to that; and of the range."""
+GPU_TOLERANCE = {"u": 0.5 + 0.1, "f": 1e-5}
+"""The same where a driver's exp and division are less exact; 0.56 was found on an H100."""
 
 
 @pytest.fixture(scope="module")
@@ -131,10 +132,13 @@ def fill(
             slab.release_texture()
 
 
-def require_alike(found: NDArray[Any], wanted: NDArray[np.float64]) -> None:
+def require_alike(
+    context: GraphicsContext, found: NDArray[Any], wanted: NDArray[np.float64]
+) -> None:
+    tolerance = TOLERANCE if context.software else GPU_TOLERANCE
     error = np.abs(found.astype(np.float64) - wanted)
     worst = np.unravel_index(error.argmax(), error.shape)
-    assert error.max() <= TOLERANCE[found.dtype.kind], (worst, found[worst], wanted[worst])
+    assert error.max() <= tolerance[found.dtype.kind], (worst, found[worst], wanted[worst])
 
 
 CODECS: dict[str, Codec] = {
@@ -167,7 +171,7 @@ def test_every_code_is_filtered_as_the_codec_does(
     source = ArraySource(volume((37, 42, 51), dtype), codec=codec, brick=brick, nlevels=1)
     found = fill(context, source, Box.of_shape((37, 42, 51)))
     wanted = filtered(source, codec, 4)
-    require_alike(found, wanted)
+    require_alike(context, found, wanted)
     decoded = filtered(source, codec, 4, bound_scale=0)
     assert np.abs(wanted - decoded).max() > 100 * TOLERANCE[found.dtype.kind], "filtered nothing"
 
@@ -180,7 +184,7 @@ def test_every_strength_is_filtered_as_the_codec_does(
     codec = S3dc((8, 8, 16), 2)
     source = ArraySource(volume((19, 21, 33), dtype), codec=codec, brick=16, nlevels=1)
     found = fill(context, source, Box.of_shape((19, 21, 33)), strength)
-    require_alike(found, filtered(source, codec, strength))
+    require_alike(context, found, filtered(source, codec, strength))
 
 
 @pytest.mark.parametrize(
@@ -192,7 +196,7 @@ def test_sizes_that_divide_nothing_are_filtered_as_the_codec_does(
 ) -> None:
     voxels = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
     source = ArraySource(voxels, codec=codec, brick=32, nlevels=1)
-    require_alike(fill(context, source, Box.of_shape(shape)), filtered(source, codec, 4))
+    require_alike(context, fill(context, source, Box.of_shape(shape)), filtered(source, codec, 4))
 
 
 @pytest.mark.parametrize("codec", [S3dc(bits=2), S3dc(bits_per_voxel=2), Zerobit(0.02)])
@@ -217,7 +221,7 @@ def test_absent_bricks_are_neighbours_like_any_other(context: GraphicsContext) -
     source = ArraySource(voxels, codec=S3dc(bits=1), brick=16, nlevels=1)
     assert source.brick_code(0, (0, 0, 1)) is None
     found = fill(context, source, Box.of_shape(voxels.shape))
-    require_alike(found, filtered(source, S3dc(bits=1), 4))
+    require_alike(context, found, filtered(source, S3dc(bits=1), 4))
 
 
 def test_a_pool_of_few_bricks_filters_in_batches(context: GraphicsContext) -> None:
@@ -225,7 +229,7 @@ def test_a_pool_of_few_bricks_filters_in_batches(context: GraphicsContext) -> No
     source = ArraySource(volume((40, 40, 40), "uint8"), codec=codec, brick=16, nlevels=1)
     budget = 3 * codec.encoded_nbytes((16, 16, 16), np.uint8)
     found = fill(context, source, Box.of_shape((40, 40, 40)), budget_nbytes=budget)
-    require_alike(found, filtered(source, codec, 4))
+    require_alike(context, found, filtered(source, codec, 4))
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
