@@ -34,8 +34,8 @@ def require_alike(
 ) -> None:
     """As float32 on llvmpipe; GPUs interpolate slabs by weights of 8 bits."""
     software = "llvmpipe" in renderer.gl_renderer
-    np.testing.assert_allclose(direct, slabs, atol=1e-3 if software else 0.06)
-    assert np.abs(direct - slabs).mean() < (1e-4 if software else 2e-3)
+    np.testing.assert_allclose(direct, slabs, atol=1e-4 if software else 0.06)
+    assert np.abs(direct - slabs).mean() < (1e-6 if software else 2e-3)
 
 
 @pytest.mark.parametrize("sampling", ["linear", "shared"])
