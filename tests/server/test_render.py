@@ -324,3 +324,14 @@ def test_background_as_text() -> None:
 
 def test_window_as_text() -> None:
     assert parse_window("-100,900.5") == (-100, 900.5)
+
+
+def test_a_camera_of_ones_own_is_the_one_that_is_used(client: Any, renderer: Any) -> None:
+    camera = {"eye_world_xyz": [1, -90, 5], "target_world_xyz": [20, 20, 20], "height_world": 30}
+    reply = client.post(RENDER, json={"width": 8, "height": 8, "camera": camera})
+    assert reply.status_code == 200
+    assert renderer.asked[-1]["camera"] == Camera(
+        (1, -90, 5), (20, 20, 20), fov_degrees=None, height_world=30
+    )
+    blind = camera | {"eye_world_xyz": [20, 20, 20]}
+    assert client.post(RENDER, json={"camera": blind}).status_code == 422

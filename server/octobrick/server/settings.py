@@ -17,26 +17,39 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="OCTOBRICK_", frozen=True, extra="forbid")
 
+    # What is served, and where
+
     data_dir: Path = Field(description="Folder whose `*.zarr` volumes are served.")
     host: str = Field(default="127.0.0.1", description="Address to listen on.")
     port: int = Field(
         default=8000, ge=0, le=65_535, description="TCP port to listen on; 0 takes a free one."
     )
-    log_level: Literal["debug", "info", "warning", "error"] = Field(
-        default="info",
-        description="Least severe message that is logged; `debug` adds an access log.",
+
+    # Processes
+
+    shutdown_seconds: int = Field(
+        default=10, ge=0, description="How long a stopping server waits for requests under way."
     )
+
+    # Who may ask
+
     cors_origins: tuple[str, ...] = Field(
         default=(),
         description="Web origins whose pages may read answers, as a JSON list; `*` for all.",
     )
-    shutdown_seconds: int = Field(
-        default=10, ge=0, description="How long a stopping server waits for requests under way."
-    )
+
+    # Requests
+
+    max_body_nbytes: int = Field(default=65_536, ge=0, description="Longest request body accepted.")
+
+    # Bricks
+
     read_threads: int = Field(
         default=4, ge=1, le=64, description="Threads that read bricks from disk."
     )
-    max_body_nbytes: int = Field(default=65_536, ge=0, description="Longest request body accepted.")
+
+    # Pictures
+
     max_image_side: int = Field(
         default=4_096, ge=1, description="Longest side of a rendered picture, in pixels."
     )
@@ -55,4 +68,11 @@ class Settings(BaseSettings):
     )
     render_timeout_seconds: float = Field(
         default=60.0, gt=0, description="Longest time a picture may take, waiting included."
+    )
+
+    # Logs and measurements
+
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        default="info",
+        description="Least severe message that is logged; `debug` adds an access log.",
     )

@@ -55,6 +55,7 @@ class View:
         distance: world units from the centre of that; None where all of it is in view.
         fov: degrees across the shorter side of the picture.
         projection: of the camera.
+        own_camera: where from, instead of all of these.
         oriented: angles are meant in the space of the volume's source, such as a patient's.
         size: (width, height) in pixels.
         mode: what rays make of their samples.
@@ -92,6 +93,7 @@ class View:
     distance: float | None = None
     fov: float = FOV_DEGREES
     projection: Projection = "perspective"
+    own_camera: Camera | None = None
     oriented: bool = False
     size: tuple[int, int] = SIZE
     mode: ModeName = "dvr"
@@ -156,6 +158,8 @@ class View:
         from octobrick.renderer import Camera
         from octobrick.server.view_bounds import bounds_of
 
+        if self.own_camera is not None:
+            return self.turned(self.own_camera, volume)
         bounds = bounds_of(self, volume, (self.t,) if times is None else times)
         camera = Camera.orbit(
             volume, self.azimuth, self.elevation, self.distance, self.fov, bounds=bounds

@@ -14,9 +14,9 @@ from octobrick.codec.errors import InvalidInputError, ResourceError
 from octobrick.server.brick_reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.catalog import OpenVolume, unknown_volume
 from octobrick.server.errors import BusyError, LimitError, RenderTimeoutError, RevisionGoneError
-from octobrick.server.render_request import RenderBody, RenderQuery
 from octobrick.server.routes.shared import EXAMPLE_REVISION, VolumeId, documented
 from octobrick.server.services import Services, ServicesDep
+from octobrick.server.view_request import ViewBody, ViewQuery
 
 if TYPE_CHECKING:
     from octobrick.renderer import RenderedImage, Renderer
@@ -75,7 +75,7 @@ _NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
 async def get_render(
     services: ServicesDep,
     volume_id: VolumeId,
-    query: Annotated[RenderQuery, Query()],
+    query: Annotated[ViewQuery, Query()],
     if_none_match: Annotated[str, Header(include_in_schema=False)] = "",
 ) -> Response:
     """A PNG of a view, all of which is in the address, so that caches can keep it."""
@@ -95,7 +95,7 @@ async def get_render(
     response_class=Response,
     responses=_RESPONSES,
 )
-async def post_render(services: ServicesDep, volume_id: VolumeId, body: RenderBody) -> Response:
+async def post_render(services: ServicesDep, volume_id: VolumeId, body: ViewBody) -> Response:
     """A PNG of a view that is described in JSON."""
     await _revision_of(services, volume_id, body.revision)  # nothing unknown waits for its turn
     picture = await _picture(services, volume_id, body)
@@ -119,14 +119,12 @@ async def _revision_of(services: Services, volume_id: str, wanted: str | None) -
     return await asyncio.get_running_loop().run_in_executor(services.readers, look)
 
 
-def _etag_of(revision: str, query: RenderQuery) -> str:
+def _etag_of(revision: str, query: ViewQuery) -> str:
     question = f"{revision} {query.model_dump_json()}"
     return f'W/"{hashlib.blake2b(question.encode(), digest_size=16).hexdigest()}"'
 
 
-async def _picture(
-    services: Services, volume_id: str, request: RenderQuery | RenderBody
-) -> _Picture:
+async def _picture(services: Services, volume_id: str, request: ViewQuery | ViewBody) -> _Picture:
     """Wait for a picture, within the limits of the settings."""
     request.require_within(services.settings)
     view = request.to_view()

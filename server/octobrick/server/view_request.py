@@ -1,8 +1,12 @@
-"""A request for a picture, from a query or from JSON: checked fields, and the view they mean."""
+"""A view, from a query or from JSON: checked fields, and the `View` that they mean.
+
+Requests for pictures and for bricks say what they look at in the same words.
+"""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -16,13 +20,14 @@ from octobrick.server.view import (
     Projection,
     Rgb,
     View,
+    Xyz,
     parse_background,
     parse_window,
     preset_function,
 )
 
 if TYPE_CHECKING:
-    from octobrick.renderer import TransferFunction
+    from octobrick.renderer import Camera, TransferFunction
 
 
 PlainMode = Literal["dvr", "mip", "minip", "average"]
@@ -41,7 +46,7 @@ def _checked_window(text: str) -> str:
     return text
 
 
-class _RenderFields(BaseModel):
+class _ViewFields(BaseModel):
     """What a query and a body have in common."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -137,8 +142,8 @@ class _RenderFields(BaseModel):
         )
 
 
-class RenderQuery(_RenderFields):
-    """A picture, all in the query of its address."""
+class ViewQuery(_ViewFields):
+    """A view, all in the query of an address."""
 
     window: Annotated[str | None, AfterValidator(lambda w: w and _checked_window(w))] = Field(
         None,
@@ -159,8 +164,34 @@ class RenderQuery(_RenderFields):
         return self._view(window, parse_background(self.background))
 
 
-class RenderBody(_RenderFields):
-    """A picture, as JSON, with a transfer function of one's own if wanted."""
+class CameraBody(BaseModel):
+    """A camera of one's own, as `octobrick.renderer.Camera` has it."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    eye_world_xyz: Xyz = Field(description="Where rays start.")
+    target_world_xyz: Xyz = Field(description="What is in the middle of the picture.")
+    up_world_xyz: Xyz = Field((0.0, 0.0, 1.0), description="What points up in the picture.")
+    fov_degrees: float | None = Field(
+        None, gt=0, lt=180, description="Angle across the shorter side, in perspective."
+    )
+    height_world: float | None = Field(
+        None, gt=0, description="World units across the shorter side, for parallel rays."
+    )
+
+    def to_camera(self) -> Camera:
+        """The camera that the fields mean.
+
+        Raises:
+            InvalidInputError: fields that do not go together.
+        """
+        from octobrick.renderer import Camera
+
+        return Camera(**self.model_dump())
+
+
+class ViewBody(_ViewFields):
+    """A view, as JSON, with a transfer function and a camera of one's own if wanted."""
 
     model_config = ConfigDict(
         json_schema_extra={"examples": [{"azimuth": 45, "preset": "mr", "width": 96, "height": 64}]}
@@ -175,6 +206,9 @@ class RenderBody(_RenderFields):
     transfer_function: dict[str, Any] | None = Field(
         None, description="Instead of a preset: as TransferFunction.to_json writes it."
     )
+    camera: CameraBody | None = Field(
+        None, description="Instead of azimuth, elevation, fit, distance, fov and projection."
+    )
 
     def to_view(self) -> View:
         """The view that the fields mean."""
@@ -183,4 +217,5 @@ class RenderBody(_RenderFields):
         window = self.window and parse_window(",".join(map(repr, self.window)))
         given = self.transfer_function
         own = None if given is None else TransferFunction.from_json(json.dumps(given))
-        return self._view(window, parse_background(self.background), own)
+        view = self._view(window, parse_background(self.background), own)
+        return view if self.camera is None else replace(view, own_camera=self.camera.to_camera())
