@@ -15,7 +15,13 @@ from octobrick.renderer.code_layout import CodeLayout
 from octobrick.renderer.errors import PictureTooLargeError
 from octobrick.renderer.modes import Slice
 from octobrick.renderer.render_request import RenderRequest
-from octobrick.renderer.selection import RangeTest, Selection, finest_useful_level, select_bricks
+from octobrick.renderer.selection import (
+    RangeTest,
+    Selection,
+    bricks_in,
+    finest_useful_level,
+    select_bricks,
+)
 from octobrick.renderer.slab_set import SlabLayout
 from octobrick.renderer.slabs import SlabPlan, plan_slabs
 from octobrick.renderer.transfer_function import TransferFunction
@@ -72,19 +78,23 @@ def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> 
     Raises:
         PictureTooLargeError: not even a thin slab of the view fits.
     """
-    nlevels = len(request.volume.levels)
-    wanted = finest_useful_level(request.volume, request.camera, request.size)
-    levels = [request.level] if request.level is not None else range(wanted, nlevels)
+    coarsest = len(request.volume.levels) - 1
+    if request.level is not None:
+        levels = range(request.level, request.level + 1)
+    else:
+        levels = range(
+            finest_useful_level(request.volume, request.camera, request.size), coarsest + 1
+        )
     too_large = None
     for level in levels:
         try:
-            plan = plan_level(request, level, limits, cull=cull)
+            # Coarser, so that the working set stays resident; but the last one is shown anyhow.
+            within = None if level == levels[-1] else limits.brick_nbytes
+            plan = plan_level(request, level, limits, within_nbytes=within, cull=cull)
         except PictureTooLargeError as error:
             too_large = error
             continue
-        # Coarser, so that the working set stays resident; but the coarsest is shown anyhow.
-        fits = working_set_nbytes(request, plan) <= limits.brick_nbytes
-        if fits or request.level is not None or level == nlevels - 1:
+        if plan is not None:
             return plan
     assert too_large is not None
     raise too_large
@@ -92,10 +102,16 @@ def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> 
 
 def working_set_nbytes(request: RenderRequest, plan: FramePlan) -> int:
     """Bytes of the bricks that the plan needs, compressed, of all channels, with directions."""
-    nbytes = brick_nbytes(request.volume, plan.level)
-    if plan.layout.directions:
+    needed = int(np.count_nonzero(plan.selection.needed))
+    return needed * _needed_nbytes(request, plan.level, plan.layout)
+
+
+def _needed_nbytes(request: RenderRequest, level: int, layout: SlabLayout) -> int:
+    """Bytes of a place in the grid of bricks: of all channels, with directions."""
+    nbytes = brick_nbytes(request.volume, level)
+    if layout.directions:
         nbytes += 3 * math.prod(request.volume.brick_shape_zyx)
-    return int(plan.selection.needed.sum()) * nbytes * len(request.channels)
+    return nbytes * len(request.channels)
 
 
 STORED_TO_CODE = 1.5
@@ -113,9 +129,14 @@ def brick_nbytes(volume: BrickSource, level: int) -> int:
 
 
 def plan_level(
-    request: RenderRequest, level: int, limits: Limits, *, cull: bool = True
-) -> FramePlan:
-    """The plan at one level.
+    request: RenderRequest,
+    level: int,
+    limits: Limits,
+    *,
+    within_nbytes: int | None = None,
+    cull: bool = True,
+) -> FramePlan | None:
+    """The plan at one level; None where its working set takes more than `within_nbytes`.
 
     Raises:
         PictureTooLargeError: not even a thin slab of the view fits.
@@ -135,6 +156,8 @@ def plan_level(
     )
     view = make_view(request.camera, request.size, geometry)
     layout = SlabLayout.of(request, level)
+    place_nbytes = _needed_nbytes(request, level, layout)
+    places = None if within_nbytes is None else within_nbytes // place_nbytes
     selection = select_bricks(
         geometry,
         volume.brick_shape_zyx,
@@ -143,7 +166,10 @@ def plan_level(
         clip_planes_world=_clip_planes(request),
         margin_zyx=layout.brick_margin_zyx,
         cull=cull,
+        at_most=places,
     )
+    if selection is None or (places is not None and np.count_nonzero(selection.needed) > places):
+        return None
     slabs = None
     if selection.box.nvoxels > 0 and limits.slab_nbytes is not None:
         slabs = _plan_slabs(request, level, view, selection, layout, limits)
@@ -232,5 +258,5 @@ def _eye_on_axis(view: View, geometry: SourceLevel) -> float:
 def brick_list(mask: NDArray[np.bool_], box_slices: tuple[slice, ...]) -> list[Zyx]:
     """The bricks (z, y, x) of a mask within a part of it."""
     start = [part.start or 0 for part in box_slices]
-    found = np.argwhere(mask[box_slices]) + start
+    found = bricks_in(mask[box_slices]) + start
     return [(z, y, x) for z, y, x in found.tolist()]

@@ -5,6 +5,8 @@ lowest of the eight voxels that it is interpolated from. Brick ranges reach one 
 brick, so a brick's range covers all of its samples.
 
 Bricks are tested from the coarsest cubes of 2^k³ bricks down: what drops a cube drops its bricks.
+A level may have millions of bricks of which a view needs thousands, so what follows the descent
+looks at the box around those only, and a descent ends early where the caller has no use for more.
 """
 
 from __future__ import annotations
@@ -24,6 +26,9 @@ from octobrick.renderer.view import Size, View, box_depths_world, boxes_meet, ma
 from octobrick.store.box import Box, Zyx, ceil_div
 
 Mask = NDArray[np.bool_]
+CUBES_AT_ONCE = 1024
+"""Tested together: numpy's cost of a call is small beside theirs, and few are tested in vain."""
+
 RangeTest = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
 """Whether any value from low to high can be seen."""
 
@@ -59,7 +64,8 @@ def select_bricks(
     clip_planes_world: NDArray[np.float64] | None = None,
     margin_zyx: Zyx = (2, 2, 2),
     cull: bool = True,
-) -> Selection:
+    at_most: int | None = None,
+) -> Selection | None:
     """The bricks of a level that a view needs. Dropping the others changes no pixel.
 
     Args:
@@ -71,19 +77,28 @@ def select_bricks(
         clip_planes_world: (n, 4) half-spaces outside of which nothing is shown.
         margin_zyx: voxels around a sample's base that are read.
         cull: False keeps every brick: the reference that dropping is tested against.
+        at_most: sampled bricks that are of use.
+
+    Returns:
+        The bricks; None where more than `at_most` are sampled.
     """
     total = math.prod(geometry.grid_zyx)
     counts = {"total": total, "frustum": 0, "clipped": 0, "transparent": 0}
-    if cull:
+    if not cull:
+        sampled = np.ones(geometry.grid_zyx, dtype=bool)
+    else:
         planes = {"frustum": view.planes_world}
         if clip_planes_world is not None and len(clip_planes_world):
             planes["clipped"] = clip_planes_world
-        sampled = _descend(geometry, brick_zyx, planes, ranges, counts)
-    else:
-        sampled = np.ones(geometry.grid_zyx, dtype=bool)
-    counts["sampled"] = int(sampled.sum())
+        found = _descend(geometry, brick_zyx, planes, ranges, counts, at_most)
+        if found is None:
+            return None
+        sampled = np.zeros(geometry.grid_zyx, dtype=bool)
+        sampled[tuple(found.T)] = True
+    bricks = bounding_bricks(sampled)
+    counts["sampled"] = int(np.count_nonzero(sampled[bricks.slices]))
     needed = dilated(sampled, brick_zyx, margin_zyx)
-    return Selection(sampled, needed, _bounding_box(sampled, geometry, brick_zyx), counts)
+    return Selection(sampled, needed, _voxels_of(bricks, geometry, brick_zyx), counts)
 
 
 def finest_useful_level(source: BrickSource, camera: Camera, size: Size) -> int:
@@ -122,7 +137,7 @@ def ordered(bricks: Mask, geometry: SourceLevel, brick_zyx: Zyx, view: View) -> 
 
     By slabs of bricks across the view's main axis, as they are drawn, and in each by distance.
     """
-    found = np.argwhere(bricks)
+    found = bricks_in(bricks)
     if not len(found):
         return found
     low, high = brick_bounds(found, 0, geometry, brick_zyx)
@@ -150,11 +165,45 @@ def brick_bounds(
     return corner + start[:, ::-1] * spacing, corner + stop[:, ::-1] * spacing
 
 
+def bounding_bricks(mask: Mask) -> Box:
+    """The smallest box of bricks around those of a mask; empty where there are none."""
+    if not mask.any():
+        return Box((0, 0, 0), (0, 0, 0))
+    start, stop = [], []
+    by_row = np.asarray(mask.any(axis=2))  # once, as it is what takes long
+    projections = (by_row.any(axis=1), by_row.any(axis=0), mask.any(axis=(0, 1)))
+    for used in map(np.asarray, projections):
+        start.append(int(used.argmax()))
+        stop.append(len(used) - int(used[::-1].argmax()))
+    (sz, sy, sx), (ez, ey, ex) = start, stop
+    return Box((sz, sy, sx), (ez, ey, ex))
+
+
+def bricks_in(mask: Mask) -> NDArray[np.intp]:
+    """The bricks (n, 3) of a mask as (z, y, x)."""
+    box = bounding_bricks(mask)
+    return np.asarray(np.argwhere(mask[box.slices]) + box.start_zyx)
+
+
 def dilated(mask: Mask, brick_zyx: Zyx, margin_zyx: Zyx) -> Mask:
     """The mask grown by the bricks within some voxels, diagonals included."""
-    for axis, (edge, margin) in enumerate(zip(brick_zyx, margin_zyx, strict=True)):
+    box = bounding_bricks(mask)
+    if box.nvoxels == 0:
+        return mask.copy()
+    reach = [ceil_div(margin, edge) for margin, edge in zip(margin_zyx, brick_zyx, strict=True)]
+    around = tuple(
+        slice(max(part.start - n, 0), part.stop + n)
+        for part, n in zip(box.slices, reach, strict=True)
+    )
+    grown = np.zeros_like(mask)
+    grown[around] = _grown(mask[around], reach)
+    return grown
+
+
+def _grown(mask: Mask, reach_zyx: Sequence[int]) -> Mask:
+    for axis, reach in enumerate(reach_zyx):
         grown = mask.copy()
-        for distance in range(1, min(ceil_div(margin, edge), mask.shape[axis] - 1) + 1):
+        for distance in range(1, min(reach, mask.shape[axis] - 1) + 1):
             ahead, behind = [slice(None)] * 3, [slice(None)] * 3
             ahead[axis], behind[axis] = slice(distance, None), slice(None, -distance)
             grown[tuple(ahead)] |= mask[tuple(behind)]
@@ -169,12 +218,18 @@ def _descend(
     planes: dict[str, NDArray[np.float64]],
     ranges: Sequence[tuple[BrickRanges, RangeTest]],
     counts: dict[str, int],
-) -> Mask:
-    """Which bricks pass all tests; the others are counted by the first that they fail."""
+    at_most: int | None,
+) -> NDArray[np.intp] | None:
+    """The bricks (n, 3) that pass all tests; the others are counted by the first that they fail.
+
+    Depth first, some thousand cubes at once; None as soon as there are more than `at_most`.
+    """
     grid = np.array(geometry.grid_zyx)
     top = max(0, int(grid.max() - 1).bit_length())
-    nodes = np.zeros((1, 3), np.intp)
-    for k in range(top, -1, -1):
+    waiting = [(top, np.zeros((1, 3), np.intp))]
+    found, nfound = [np.empty((0, 3), np.intp)], 0
+    while waiting:
+        k, nodes = waiting.pop()
         low, high = brick_bounds(nodes, k, geometry, brick_zyx)
         for reason, half_spaces in planes.items():
             keep = boxes_meet(half_spaces, low, high)
@@ -186,11 +241,16 @@ def _descend(
             seen |= test(tree.lows[k][at], tree.highs[k][at])
         counts["transparent"] += _bricks_within(nodes[~seen], k, grid)
         nodes = nodes[seen]
-        if k:
+        if k == 0:
+            found.append(nodes)
+            nfound += len(nodes)
+            if at_most is not None and nfound > at_most:
+                return None
+        elif len(nodes):
             nodes = _children(nodes, k - 1, grid)
-    mask = np.zeros(geometry.grid_zyx, bool)
-    mask[tuple(nodes.T)] = True
-    return mask
+            parts = range(0, len(nodes), CUBES_AT_ONCE)
+            waiting += [(k - 1, nodes[i : i + CUBES_AT_ONCE]) for i in parts]
+    return np.concatenate(found)
 
 
 _OCTANTS = np.array(list(np.ndindex(2, 2, 2)), np.intp)
@@ -198,7 +258,10 @@ _OCTANTS = np.array(list(np.ndindex(2, 2, 2)), np.intp)
 
 def _children(nodes: NDArray[np.intp], k: int, grid: NDArray[np.intp]) -> NDArray[np.intp]:
     children = (2 * nodes[:, np.newaxis] + _OCTANTS).reshape(-1, 3)
-    return np.asarray(children[(children << k < grid).all(axis=1)])
+    beyond = -(-grid >> k)
+    if (2 * nodes.max(axis=0) + 1 < beyond).all():
+        return children
+    return np.asarray(children[(children < beyond).all(axis=1)])
 
 
 def _bricks_within(nodes: NDArray[np.intp], k: int, grid: NDArray[np.intp]) -> int:
@@ -209,14 +272,10 @@ def _bricks_within(nodes: NDArray[np.intp], k: int, grid: NDArray[np.intp]) -> i
     return int(np.prod(np.minimum(start + (1 << k), grid) - start, axis=1).sum())
 
 
-def _bounding_box(mask: Mask, geometry: SourceLevel, brick: Zyx) -> Box:
-    if not mask.any():
-        return Box((0, 0, 0), (0, 0, 0))
-    start, stop = [], []
-    for axis, edge in enumerate(brick):
-        used = np.flatnonzero(mask.any(axis=tuple(a for a in range(3) if a != axis)))
-        start.append(int(used[0]) * edge)
-        stop.append((int(used[-1]) + 1) * edge)
-    sz, sy, sx = start
-    ez, ey, ex = stop
+def _voxels_of(bricks: Box, geometry: SourceLevel, brick_zyx: Zyx) -> Box:
+    """The voxels of a box of bricks, clipped to the level."""
+    if bricks.nvoxels == 0:
+        return bricks
+    start, stop = np.array(bricks.start_zyx) * brick_zyx, np.array(bricks.stop_zyx) * brick_zyx
+    (sz, sy, sx), (ez, ey, ex) = start.tolist(), stop.tolist()
     return Box((sz, sy, sx), (ez, ey, ex)).intersect(Box.of_shape(geometry.shape_zyx))

@@ -221,6 +221,13 @@ def box_depths_world(view: View, box: Box, level: SourceLevel) -> tuple[float, f
     return float(depths.min()), float(depths.max())
 
 
+def _cross(a: Vector, b: Vector) -> Vector:
+    """Of two vectors; `np.cross` takes twenty times as long over that."""
+    ax, ay, az = a.tolist()
+    bx, by, bz = b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
 def _pixel_grid(middle: Vector, by_column: Vector, by_row: Vector, size: Size) -> Affine:
     width, height = size
     return Affine(middle - by_column * (width / 2) - by_row * (height / 2), by_column, by_row)
@@ -242,7 +249,7 @@ def _side_planes(
         along_edge = start_world.by_column if i % 2 == 0 else start_world.by_row
         if not along_edge.any():  # the eye is inside: all rays start in one point
             along_edge = toward_world.by_column if i % 2 == 0 else toward_world.by_row
-        normal = np.cross(toward_world.at(*a), along_edge)
+        normal = _cross(toward_world.at(*a), along_edge)
         normal /= np.linalg.norm(normal)
         through = start_world.at(*b)
         inside = start_world.at(width / 2, height / 2) + toward_world.at(width / 2, height / 2)

@@ -13,7 +13,7 @@ from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.camera import Camera
 from octobrick.renderer.frame_plan import Limits, plan_frame, working_set_nbytes
 from octobrick.renderer.render_request import make_request
-from octobrick.renderer.selection import finest_useful_level, ordered
+from octobrick.renderer.selection import bricks_in, finest_useful_level, ordered
 from octobrick.renderer.transfer_function import TransferFunction
 from octobrick.store.box import Zyx
 
@@ -74,21 +74,20 @@ def select(
     plan = plan_frame(request, Limits(budget_nbytes))
     geometry = volume.levels[plan.level]
     needed = ordered(plan.selection.needed, geometry, volume.brick_shape_zyx, plan.view)
-    wanted = [
-        i
-        for i, (z, y, x) in enumerate(needed.tolist())
-        if have is None or not have(plan.level, (z, y, x))
-    ]
+    wanted = needed
+    if have is not None:
+        missing = [not have(plan.level, (z, y, x)) for z, y, x in needed.tolist()]
+        wanted = needed[np.array(missing, dtype=bool)]
+    sampled = tuple(bricks_in(plan.selection.sampled).T)
     errors = [
-        np.asarray(volume.fidelity(plan.level, request.t, channel.c))[..., 0]
+        np.asarray(volume.fidelity(plan.level, request.t, channel.c))[..., 0][sampled]
         for channel in request.channels
     ]
-    sampled = plan.selection.sampled
     return WorkingSet(
         plan.level,
         finest_useful_level(volume, camera, request.size),
-        needed[wanted],
+        wanted,
         plan.selection.counts | {"needed": len(needed), "had": len(needed) - len(wanted)},
         working_set_nbytes(request, plan),
-        max((float(e[sampled].max()) for e in errors if sampled.any()), default=0.0),
+        max((float(e.max()) for e in errors if len(e)), default=0.0),
     )
