@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -46,7 +47,7 @@ def packed(records: Records, kind: Kind = Kind.VOXELS) -> bytes:
 
 def read(data: bytes, count: int, kind: Kind = Kind.VOXELS, piece: int = 1 << 20) -> list[Record]:
     reader = BrickStreamReader(kind, count, lambda _: 1000)
-    found = []
+    found: list[Record] = []
     for at in range(0, len(data), piece):
         found += reader.feed(data[at : at + piece])
     reader.finish()
@@ -54,9 +55,9 @@ def read(data: bytes, count: int, kind: Kind = Kind.VOXELS, piece: int = 1 << 20
 
 
 @pytest.mark.parametrize("golden", STREAMS, ids=lambda golden: golden["name"])
-def test_golden_streams_are_packed_and_read_as_they_are(golden: dict[str, object]) -> None:
+def test_golden_streams_are_packed_and_read_as_they_are(golden: dict[str, Any]) -> None:
     data = (GOLDEN / f"{golden['name']}.stream").read_bytes()
-    pairs = [(Status(s), bytes.fromhex(p)) for s, p in golden["records"]]  # type: ignore[attr-defined]
+    pairs = [(Status(s), bytes.fromhex(p)) for s, p in golden["records"]]
     kind = Kind(golden["kind"])
     assert packed(pairs, kind) == data
     assert [(r.status, r.payload) for r in read(data, len(pairs), kind)] == pairs
