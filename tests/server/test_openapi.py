@@ -55,13 +55,15 @@ def resolved(description: dict[str, Any], schema: dict[str, Any]) -> dict[str, A
 
 def assert_alike(reply: Any, example: Any) -> None:
     """The reply has the keys of the example, and of each the same JSON type, or null."""
+    if reply is None:
+        return
     if isinstance(example, dict):
         assert reply.keys() == example.keys()
         for key in example:
             assert_alike(reply[key], example[key])
     elif isinstance(example, list):
         assert isinstance(reply, list)
-    elif reply is not None:
+    else:
         kinds = [int | float if isinstance(v, int | float) else type(v) for v in (reply, example)]
         assert kinds[0] == kinds[1]
 
@@ -72,7 +74,7 @@ def test_the_examples_of_every_operation_run(
 ) -> None:
     description = client.get("/openapi.json").json()
     request = example_request(description, method, path)
-    request["path"] = request["path"].replace(EXAMPLE_REVISION, revision)
+    request = json.loads(json.dumps(request).replace(EXAMPLE_REVISION, revision))
     reply = client.request(method.upper(), **request)
     assert reply.status_code == 200, reply.text
     documented = description["paths"][path][method]["responses"]["200"]["content"]

@@ -171,3 +171,24 @@ def test_metadata_is_json_and_tells_levels_codec_and_revision(volume: Volume) ->
     assert metadata["codec"]["name"] == "octobrick.s3dc"
     assert metadata["levels"][0]["grid"] == [3, 4, 3]
     assert metadata["levels"][1]["translation"] == [0.5, 0.5, 0.5]
+
+
+def test_sizes_of_stored_bricks_come_from_the_indexes_in_any_order(ingested: Ingested) -> None:
+    voxels = smooth(SHAPE)
+    voxels[:16, :16, :16] = 0
+    volume = ingested(voxels, brick=16, shard=2)
+    bricks = np.argwhere(np.ones(volume.levels[0].grid_zyx, bool))
+    bricks = np.random.default_rng(5).permutation(bricks)
+    bricks = np.concatenate([bricks, bricks[:3]])
+    sizes = volume.stored_nbytes(0, bricks)
+    frames = [volume.stored_brick(0, (z, y, x)) or b"" for z, y, x in bricks.tolist()]
+    assert sizes.tolist() == [len(frame) for frame in frames]
+    assert 0 in sizes
+    assert volume.stored_nbytes(0, np.empty((0, 3), np.intp)).shape == (0,)
+    with pytest.raises(InvalidInputError):
+        volume.stored_nbytes(0, np.array([[0, 0, 0], [0, 99, 0]]))
+
+
+def test_attributes_are_those_of_the_metadata(volume: Volume) -> None:
+    written = json.loads((volume.path / "zarr.json").read_text())["attributes"]["octobrick"]
+    assert json.loads(json.dumps(volume.attributes())) == written

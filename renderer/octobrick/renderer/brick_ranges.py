@@ -40,6 +40,7 @@ class BrickRanges:
 
 
 _kept: OrderedDict[tuple[str, int, int, int, bool], BrickRanges] = OrderedDict()
+_kept_errors: OrderedDict[tuple[str, int, int, int], NDArray[np.float32]] = OrderedDict()
 _lock = Lock()
 
 
@@ -61,6 +62,21 @@ def brick_ranges(
         while len(_kept) > KEPT:
             _kept.popitem(last=False)
     return tree
+
+
+def brick_errors(source: BrickSource, level: int, t: int, c: int) -> NDArray[np.float32]:
+    """The largest error of each brick of a level (nz, ny, nx), kept as `brick_ranges` are."""
+    key = (source.revision, level, t, c)
+    with _lock:
+        if key in _kept_errors:
+            _kept_errors.move_to_end(key)
+            return _kept_errors[key]
+    errors = np.asarray(source.fidelity(level, t, c))[..., 0].astype(np.float32)
+    with _lock:
+        _kept_errors[key] = errors
+        while len(_kept_errors) > KEPT:
+            _kept_errors.popitem(last=False)
+    return errors
 
 
 def _decoded_ranges(

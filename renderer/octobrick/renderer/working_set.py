@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.renderer.brick_source import BrickSource
+from octobrick.renderer.brick_ranges import brick_errors
+from octobrick.renderer.brick_source import BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
 from octobrick.renderer.frame_plan import Limits, plan_frame, working_set_nbytes
 from octobrick.renderer.render_request import make_request
 from octobrick.renderer.selection import bricks_in, finest_useful_level, ordered
 from octobrick.renderer.transfer_function import TransferFunction
+from octobrick.renderer.view import View
 from octobrick.store.box import Zyx
+
+MARGIN_WEIGHT: Final = 1 / 16
+"""Of a brick of which only a margin is read: some voxels of 64."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +29,14 @@ class WorkingSet:
 
     Attributes:
         level: of the pyramid.
+        t: time step.
+        channels: of each of which all of the bricks are needed.
+        directions: whether their stored gradients are needed too.
         finest_level_wanted: the one that has a voxel for every pixel.
         bricks_zyx: (n, 3) the bricks to fetch, in the order of their use: front to back. Those
             that the caller has are left out.
+        pixels: (n,) of the picture that each brick covers about; of those that nothing but
+            interpolation and filters reach into, a sixteenth. More is worth fetching sooner.
         counts: bricks of the level by what became of them: "total" is the sum of "frustum",
             "clipped", "transparent" and "sampled"; "needed" counts the sampled and the neighbours
             that interpolation and filters reach into, "had" those of them that the caller has.
@@ -35,8 +45,12 @@ class WorkingSet:
     """
 
     level: int
+    t: int
+    channels: tuple[int, ...]
+    directions: bool
     finest_level_wanted: int
     bricks_zyx: NDArray[np.intp]
+    pixels: NDArray[np.float64]
     counts: dict[str, int]
     nbytes: int
     max_error: float
@@ -78,16 +92,36 @@ def select(
     if have is not None:
         missing = [not have(plan.level, (z, y, x)) for z, y, x in needed.tolist()]
         wanted = needed[np.array(missing, dtype=bool)]
-    sampled = tuple(bricks_in(plan.selection.sampled).T)
+    sampled = plan.selection.sampled
+    shown = tuple(bricks_in(sampled).T)
+    pixels = pixels_covered(wanted, geometry, volume.brick_shape_zyx, plan.view)
     errors = [
-        np.asarray(volume.fidelity(plan.level, request.t, channel.c))[..., 0][sampled]
-        for channel in request.channels
+        brick_errors(volume, plan.level, request.t, channel.c) for channel in request.channels
     ]
     return WorkingSet(
-        plan.level,
-        finest_useful_level(volume, camera, request.size),
-        wanted,
-        plan.selection.counts | {"needed": len(needed), "had": len(needed) - len(wanted)},
-        working_set_nbytes(request, plan),
-        max((float(e.max()) for e in errors if len(e)), default=0.0),
+        level=plan.level,
+        t=request.t,
+        channels=tuple(channel.c for channel in request.channels),
+        directions=plan.layout.directions,
+        finest_level_wanted=finest_useful_level(volume, camera, request.size),
+        bricks_zyx=wanted,
+        pixels=np.where(sampled[tuple(wanted.T)], pixels, pixels * MARGIN_WEIGHT),
+        counts=plan.selection.counts | {"needed": len(needed), "had": len(needed) - len(wanted)},
+        nbytes=working_set_nbytes(request, plan),
+        max_error=max((float(e[shown].max(initial=0)) for e in errors), default=0.0),
     )
+
+
+def pixels_covered(
+    bricks_zyx: NDArray[np.intp], geometry: SourceLevel, brick_zyx: Zyx, view: View
+) -> NDArray[np.float64]:
+    """About how many pixels (n,) a face of each brick covers, no more than the picture has."""
+    edges_world = np.multiply(brick_zyx[::-1], geometry.spacing_xyz)
+    corner = np.array(geometry.origin_xyz) - np.array(geometry.spacing_xyz) / 2
+    centres = corner + (bricks_zyx[:, ::-1] + 0.5) * edges_world
+    base, slope = view.pixel_size
+    # A brick around the eye is as near as its middle is from its border.
+    depth = np.maximum(view.depth_world(centres), edges_world.min() / 2)
+    face_world = float(np.prod(edges_world)) ** (2 / 3)
+    width, height = view.size
+    return np.minimum(face_world / (base + slope * depth) ** 2, float(width) * height)

@@ -13,7 +13,7 @@ from fastapi.middleware.cors import CORSMiddleware
 from octobrick.server.brick_lane import BrickLane
 from octobrick.server.error_replies import handle_errors
 from octobrick.server.front_door import FrontDoor
-from octobrick.server.routes import bricks, docs, health, render, volumes
+from octobrick.server.routes import batch, bricks, docs, health, render, select, tables, volumes
 from octobrick.server.services import Services
 from octobrick.server.settings import Settings
 
@@ -73,7 +73,7 @@ def create_app(
     )
     app.state.services = services
     handle_errors(app)
-    for routes in (health, volumes, bricks, render, docs):
+    for routes in (health, volumes, tables, bricks, batch, select, render, docs):
         app.include_router(routes.router)
     # The last one added is the first one passed.
     app.add_middleware(BrickLane, services=services)

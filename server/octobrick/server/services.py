@@ -11,6 +11,7 @@ from fastapi import Depends, Request
 from octobrick.server.catalog import Catalog
 from octobrick.server.render_thread import RenderThread
 from octobrick.server.settings import Settings
+from octobrick.server.tables import TableCache
 
 if TYPE_CHECKING:
     from octobrick.renderer import Renderer
@@ -25,6 +26,7 @@ class Services:
     """
 
     catalog: Catalog
+    tables: TableCache
     readers: ThreadPoolExecutor
     renders: RenderThread[Renderer]
 
@@ -40,6 +42,7 @@ class Services:
         """
         self.catalog = Catalog(self.settings.data_dir)
         self.catalog.scan()
+        self.tables = TableCache(self.settings.table_cache_nbytes)
         self.readers = ThreadPoolExecutor(self.settings.read_threads, "octobrick-read")
         self.renders = RenderThread(self._make_renderer, self.settings.render_queue_length)
         self.renders.start()

@@ -40,12 +40,28 @@ class Settings(BaseSettings):
 
     # Requests
 
-    max_body_nbytes: int = Field(default=65_536, ge=0, description="Longest request body accepted.")
+    max_body_nbytes: int = Field(
+        default=262_144, ge=0, description="Longest request body accepted."
+    )
 
     # Bricks
 
     read_threads: int = Field(
         default=4, ge=1, le=64, description="Threads that read bricks from disk."
+    )
+    max_batch_bricks: int = Field(
+        default=4_096, ge=1, le=65_536, description="Most bricks in one answer."
+    )
+    max_selected_bricks: int = Field(
+        default=16_384,
+        ge=1,
+        le=1_048_576,
+        description="Most bricks that a selection lists; those that come last are left out.",
+    )
+    table_cache_nbytes: int = Field(
+        default=67_108_864,
+        ge=0,
+        description="Memory for tables of ranges and errors, compressed (64 MiB).",
     )
 
     # Pictures

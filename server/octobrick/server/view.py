@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.server.own_functions import own_functions
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         Renderer,
         Slice,
         TransferFunction,
+        WorkingSet,
     )
     from octobrick.store import Volume
 
@@ -205,6 +206,27 @@ class View:
         scene = self._scene(volume, camera, self.t if t is None else t)
         image = renderer.render(volume, camera, self.functions(volume), **scene)
         return self._annotated(image, camera, volume)
+
+    def select(self, volume: Volume, budget_nbytes: int) -> WorkingSet:
+        """The bricks that the picture needs, at a level whose bricks fit a budget.
+
+        Raises:
+            InvalidInputError: what makes no sense for this volume, such as a level it lacks.
+        """
+        from octobrick.renderer import select
+
+        camera = self.camera(volume)
+        scene = self._scene(volume, camera, self.t)
+        size, functions = scene.pop("size"), self.functions(volume)
+        # `select` takes one function for each channel too.
+        return select(
+            volume,
+            camera,
+            size,
+            cast("TransferFunction", functions),
+            budget_nbytes=budget_nbytes,
+            **scene,
+        )
 
     def prefetch(self, renderer: Renderer, volume: Volume, camera: Camera, t: int) -> None:
         """Read what a later `render` with this camera and time step needs, in the background."""

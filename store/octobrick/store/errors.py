@@ -53,6 +53,12 @@ class VolumeFormatError(CorruptDataError):
     kind = "corrupt-volume"
 
 
+class BrickStreamError(CorruptDataError):
+    """A stream of bricks is not what a server writes, or was cut off: ask for the rest again."""
+
+    kind = "corrupt-stream"
+
+
 class IncompleteVolumeError(ConflictError):
     """An ingest into this path did not finish, or still runs: run it again, or wait."""
 

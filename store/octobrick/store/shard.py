@@ -176,6 +176,12 @@ class ShardReader:
             )
         return frame
 
+    def nbytes_of(self, slots: NDArray[np.intp]) -> NDArray[np.int64]:
+        """The sizes of the frames in some slots; 0 where the brick is absent."""
+        found = self._index[slots]
+        nbytes = np.where(found[:, 0] == ABSENT, np.uint64(0), found[:, 1])
+        return nbytes.astype(np.int64)
+
     def close(self) -> None:
         """Release the file; reading afterwards is an error."""
         if self._descriptor >= 0:
@@ -246,6 +252,22 @@ class ShardCache:
         """The stored frame of a brick, or None where it is absent."""
         reader = self._reader(self._key(brick_zyx, t, c))
         return None if reader is None else reader.read(slot_of(brick_zyx, self._shard_bricks_zyx))
+
+    def nbytes_of(self, bricks_zyx: NDArray[np.intp], t: int, c: int) -> NDArray[np.int64]:
+        """The sizes (n,) of the stored frames of bricks (n, 3); 0 where one is absent."""
+        shards, within = np.divmod(bricks_zyx, self._shard_bricks_zyx)
+        _, ny, nx = self._shard_bricks_zyx
+        slots = (within[:, 0] * ny + within[:, 1]) * nx + within[:, 2]
+        nbytes = np.zeros(len(bricks_zyx), np.int64)
+        numbers = np.ravel_multi_index(tuple(shards.T), tuple(shards.max(axis=0, initial=0) + 1))
+        order = np.argsort(numbers, kind="stable")
+        starts = np.flatnonzero(np.diff(numbers[order], prepend=-1))
+        for at in np.split(order, starts[1:]) if len(order) else ():
+            z, y, x = bricks_zyx[at[0]].tolist()
+            reader = self._reader(self._key((z, y, x), t, c))
+            if reader is not None:
+                nbytes[at] = reader.nbytes_of(slots[at])
+        return nbytes
 
     def path_of(self, brick_zyx: Zyx, t: int, c: int) -> Path:
         """The file that holds, or would hold, a brick."""

@@ -194,6 +194,10 @@ class Volume:
             }
         return {"name": self.name, "revision": self.revision, **fields}
 
+    def attributes(self) -> dict[str, Any]:
+        """The ``octobrick`` attributes as they stand in the volume's zarr.json."""
+        return {"revision": self.revision, **self._attributes.to_json()}
+
     # Bricks
 
     def stored_brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
@@ -206,6 +210,20 @@ class Volume:
         """
         self._require_brick(level, zyx, t, c)
         return self._shards[level].read(zyx, t, c)
+
+    def stored_nbytes(
+        self, level: int, bricks_zyx: NDArray[np.intp], t: int = 0, c: int = 0
+    ) -> NDArray[np.int64]:
+        """Sizes (n,) of the stored bricks (n, 3), from the indexes alone; 0 where one is absent.
+
+        Raises:
+            InvalidInputError: no such level or brick.
+            VolumeFormatError: a shard is missing or its index is damaged.
+        """
+        for zyx in (bricks_zyx.min(axis=0), bricks_zyx.max(axis=0)) if len(bricks_zyx) else ():
+            z, y, x = zyx.tolist()
+            self._require_brick(level, (z, y, x), t, c)
+        return self._shards[level].nbytes_of(bricks_zyx, t, c)
 
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick without the entropy layer, as a GPU takes it; None where the brick is absent.
