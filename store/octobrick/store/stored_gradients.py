@@ -71,6 +71,22 @@ class StoredGradients:
         """Bytes of a brick of codes."""
         return 3 * int(np.prod(self.brick_shape_zyx))
 
+    def stored_brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        """A brick's codes as on disk, one zstd frame; None where no voxel has a direction.
+
+        Raises:
+            InvalidInputError: no such level or brick.
+            VolumeFormatError: the shard is missing or its index is damaged.
+            CorruptBrickError: the shard ends inside the brick.
+        """
+        self._require(level, zyx)
+        return self._shards[level].read(zyx, t, c)
+
+    def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
+        """The same from memory; BlockingIOError where `stored_brick` would have to wait, or fail."""
+        self._require(level, zyx)
+        return self._shards[level].read_now(zyx, t, c)
+
     def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick's codes without the entropy layer; None where no voxel has a direction.
 
@@ -79,8 +95,7 @@ class StoredGradients:
             VolumeFormatError: the shard is missing or its index is damaged.
             CorruptBrickError: naming the file and the brick.
         """
-        self._require(level, zyx)
-        stored = self._shards[level].read(zyx, t, c)
+        stored = self.stored_brick(level, zyx, t, c)
         if stored is None:
             return None
         try:

@@ -44,8 +44,8 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
 class Volume:
     """A volume, its levels and bricks. Safe to use from several threads.
 
-    Reading goes straight to the shards: an index is parsed once and kept, a brick is one read.
-    The files are expected not to change; a volume that is replaced on disk must be opened anew.
+    An index is parsed once and kept, a brick is one read. The files are expected not to change; a
+    volume that is replaced on disk must be opened anew.
 
     Attributes:
         path: the volume's folder.
@@ -206,6 +206,11 @@ class Volume:
         """
         self._require_brick(level, zyx, t, c)
         return self._shards[level].read(zyx, t, c)
+
+    def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
+        """The same from memory; BlockingIOError where `stored_brick` would have to wait, or fail."""
+        self._require_brick(level, zyx, t, c)
+        return self._shards[level].read_now(zyx, t, c)
 
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick without the entropy layer, as a GPU takes it; None where the brick is absent.

@@ -1,0 +1,98 @@
+"""What the headers of a brick say: the fixed ones made once, the others looked up in tables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from octobrick.server.catalog import OpenVolume
+from octobrick.store.box import Zyx
+from octobrick.store.brick_codec import codec_text
+
+RawHeaders = list[tuple[bytes, bytes]]
+
+_KEPT = 64  # (kind, level, t, c) of a volume: all of a pyramid; tables take some 10 bytes a brick
+
+
+class BrickHeaders:
+    """The headers of the bricks of one level, time step and channel that say what is known of them.
+
+    Args:
+        fixed: what is the same for all of them.
+        ranges: least and greatest original voxel of each, (nz, ny, nx, 2); None for gradients.
+        fidelity: largest error and RMSE of each, (nz, ny, nx, 2); None for gradients.
+    """
+
+    def __init__(
+        self,
+        fixed: dict[str, str],
+        ranges: NDArray[Any] | None = None,
+        fidelity: NDArray[np.float32] | None = None,
+    ) -> None:
+        self._fixed = [(name.encode(), value.encode()) for name, value in fixed.items()]
+        self._ranges = ranges
+        self._fidelity = fidelity
+
+    @classmethod
+    def of(cls, lent: OpenVolume, kind: str, level: int, t: int, c: int) -> BrickHeaders:
+        """Those of a volume that is open; reads its tables, and keeps them with it.
+
+        Raises:
+            VolumeFormatError: a table is missing or damaged.
+        """
+        key = (cls, kind, level, t, c)
+        found = lent.kept.get(key)
+        if found is None:
+            made = cls._voxels if kind == "voxels" else cls._gradients
+            found = made(lent, level, t, c)
+            if len(lent.kept) >= _KEPT:
+                lent.kept.pop(next(iter(lent.kept)), None)
+            lent.kept[key] = found
+        return found
+
+    @classmethod
+    def now(cls, lent: OpenVolume, kind: str, level: int, t: int, c: int) -> BrickHeaders:
+        """The same without waiting.
+
+        Raises:
+            BlockingIOError: the tables were not read yet.
+        """
+        found: BrickHeaders | None = lent.kept.get((cls, kind, level, t, c))
+        if found is None:
+            raise BlockingIOError
+        return found
+
+    def of_brick(self, zyx: Zyx) -> RawHeaders:
+        """All of them for one brick."""
+        if self._ranges is None or self._fidelity is None:
+            return self._fixed
+        low, high = self._ranges[zyx]
+        max_error, rmse = self._fidelity[zyx].tolist()
+        return [
+            *self._fixed,
+            (b"x-octobrick-range", f"{low},{high}".encode()),
+            (b"x-octobrick-max-error", b"%.6g" % max_error),
+            (b"x-octobrick-rmse", b"%.6g" % rmse),
+        ]
+
+    @classmethod
+    def _voxels(cls, lent: OpenVolume, level: int, t: int, c: int) -> BrickHeaders:
+        volume = lent.volume
+        fixed = {
+            "x-octobrick-codec": codec_text(volume.level_codec(level)),
+            "x-octobrick-dtype": str(volume.dtype),
+            "x-octobrick-shape": ",".join(str(n) for n in volume.brick_shape_zyx),
+        }
+        return cls(fixed, lent.ranges(level, t, c), lent.fidelity(level, t, c))
+
+    @classmethod
+    def _gradients(cls, lent: OpenVolume, _level: int, _t: int, _c: int) -> BrickHeaders:
+        return cls(
+            {
+                "x-octobrick-codec": "directions",
+                "x-octobrick-dtype": "uint8",
+                "x-octobrick-shape": ",".join(str(n) for n in (*lent.volume.brick_shape_zyx, 3)),
+            }
+        )
