@@ -34,6 +34,7 @@ class BrickHeaders:
         self._fixed = [(name.encode(), value.encode()) for name, value in fixed.items()]
         self._ranges = ranges
         self._fidelity = fidelity
+        self._is_integer = ranges is not None and ranges.dtype.kind in "iu"
 
     @classmethod
     def of(cls, lent: OpenVolume, kind: str, level: int, t: int, c: int) -> BrickHeaders:
@@ -68,13 +69,16 @@ class BrickHeaders:
         """All of them for one brick."""
         if self._ranges is None or self._fidelity is None:
             return self._fixed
-        low, high = self._ranges[zyx]
-        max_error, rmse = self._fidelity[zyx].tolist()
+        ranges, fidelity = self._ranges, self._fidelity
+        if self._is_integer:  # a third of the time that numpy's own scalars take to become text
+            low_high = b"%d,%d" % (ranges.item(*zyx, 0), ranges.item(*zyx, 1))
+        else:  # as numpy writes its scalars: as many digits as the type has
+            low_high = "{},{}".format(*ranges[zyx]).encode()
         return [
             *self._fixed,
-            (b"x-octobrick-range", f"{low},{high}".encode()),
-            (b"x-octobrick-max-error", b"%.6g" % max_error),
-            (b"x-octobrick-rmse", b"%.6g" % rmse),
+            (b"x-octobrick-range", low_high),
+            (b"x-octobrick-max-error", b"%.6g" % fidelity.item(*zyx, 0)),
+            (b"x-octobrick-rmse", b"%.6g" % fidelity.item(*zyx, 1)),
         ]
 
     @classmethod

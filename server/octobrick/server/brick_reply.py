@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, Protocol
 
 from octobrick.server.brick_headers import BrickHeaders, RawHeaders
@@ -26,6 +27,8 @@ Content = bytes | bytearray
 
 IMMUTABLE = "public, max-age=31536000, immutable"  # a year: the longest that HTTP caches honour
 _CACHE_CONTROL = (b"cache-control", IMMUTABLE.encode())
+_KEPT_HEADERS = 64  # Accept-Encoding as clients write it: each kind of client always alike
+_KEPT_HEADER_NBYTES = 128
 _VARY = (b"vary", b"Accept-Encoding")
 
 
@@ -62,6 +65,7 @@ class BrickReplies:
     def __init__(self, catalog: Catalog, decoded: DecodedCache) -> None:
         self._catalog = catalog
         self._decoded = decoded
+        self._accepts_zstd = lru_cache(_KEPT_HEADERS)(accepts_zstd)
 
     def reply(self, address: BrickAddress, accept_encoding: str, if_none_match: str) -> Reply:
         """Answer a request for a brick: 200, 204 where it is absent, or 304; blocks on the disk.
@@ -75,7 +79,7 @@ class BrickReplies:
 
         def use(lent: OpenVolume) -> Reply:
             source = _Disk(lent, address, self._decoded)
-            return _reply(lent, address, accept_encoding, if_none_match, source)
+            return _reply(lent, address, self._zstd(accept_encoding), if_none_match, source)
 
         return self._catalog.read(address.volume_id, use)
 
@@ -90,9 +94,14 @@ class BrickReplies:
 
         def use(lent: OpenVolume) -> Reply:
             source = _Memory(lent, address, self._decoded)
-            return _reply(lent, address, accept_encoding, if_none_match, source)
+            return _reply(lent, address, self._zstd(accept_encoding), if_none_match, source)
 
         return self._catalog.read_now(address.volume_id, use)
+
+    def _zstd(self, accept_encoding: str) -> bool:
+        if len(accept_encoding) > _KEPT_HEADER_NBYTES:
+            return accepts_zstd(accept_encoding)
+        return self._accepts_zstd(accept_encoding)
 
 
 def require_revision(volume: Volume, volume_id: str, revision: str) -> None:
@@ -200,12 +209,11 @@ class _Memory:
 def _reply(
     lent: OpenVolume,
     address: BrickAddress,
-    accept_encoding: str,
+    zstd: bool,
     if_none_match: str,
     source: _Source,
 ) -> Reply:
     _require_brick(lent.volume, address)
-    zstd = accepts_zstd(accept_encoding)
     z, y, x = address.brick_zyx
     etag = (
         f'"{address.revision}-{address.level}.{address.t}.{address.c}.{z}.{y}.{x}'

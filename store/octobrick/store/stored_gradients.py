@@ -151,7 +151,8 @@ class StoredGradients:
                 levels=list(self.levels),
             )
         grid_zyx = self._volume_levels[level].grid_zyx
-        if not all(0 <= i < n for i, n in zip(zyx, grid_zyx, strict=True)):
+        (z, y, x), (nz, ny, nx) = zyx, grid_zyx
+        if not (0 <= z < nz and 0 <= y < ny and 0 <= x < nx):
             raise InvalidInputError(
                 f"{self._path.name}: level {level} has no brick (z, y, x) = {zyx}; it has "
                 f"{grid_zyx}",

@@ -377,7 +377,8 @@ class Volume:
 
     def _require_brick(self, level: int, zyx: Zyx, t: int, c: int) -> None:
         grid_zyx = self.level(level).grid_zyx
-        inside = all(0 <= i < n for i, n in zip(zyx, grid_zyx, strict=True))
+        (z, y, x), (nz, ny, nx) = zyx, grid_zyx
+        inside = 0 <= z < nz and 0 <= y < ny and 0 <= x < nx
         if not (inside and 0 <= t < self.nt and 0 <= c < self.nc):
             raise InvalidInputError(
                 f"{self.name}: level {level} has no brick (t, c, z, y, x) = {(t, c, *zyx)}; it has "
