@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,40 @@ from octobrick.store.brick_codec import codec_text
 
 RawHeaders = list[tuple[bytes, bytes]]
 
+_KEPT_HEADS = 4_096  # (brick, encoding) of a volume, at some 2 kB
 _KEPT = 64  # (kind, level, t, c) of a volume: all of a pyramid; tables take some 10 bytes a brick
+
+
+@dataclass(slots=True)
+class BrickHead:
+    """All headers of the answers for one brick in one encoding, but for the length.
+
+    Each list is there twice: as ASGI takes headers, and as lines of text.
+    """
+
+    etag: str
+    cached: RawHeaders
+    absent: RawHeaders
+    present: RawHeaders
+    cached_lines: bytes = field(init=False)
+    absent_lines: bytes = field(init=False)
+    present_lines: bytes = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.cached_lines = header_lines(self.cached)
+        self.absent_lines = header_lines(self.absent)
+        self.present_lines = header_lines(self.present)
+
+    def keep(self, lent: OpenVolume, key: Hashable) -> None:
+        """Keep it with the volume, for the next who asks."""
+        if len(lent.heads) >= _KEPT_HEADS:
+            lent.heads.clear()
+        lent.heads[key] = self
+
+
+def header_lines(headers: RawHeaders) -> bytes:
+    """Headers as they stand in an HTTP/1.1 message."""
+    return b"".join([b"%b: %b\r\n" % header for header in headers])
 
 
 class BrickHeaders:

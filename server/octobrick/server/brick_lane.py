@@ -47,7 +47,7 @@ class BrickLane:
     async def _answer(
         self, address: BrickAddress, scope: Scope, receive: Receive, send: Send
     ) -> None:
-        accept_encoding, if_none_match = _conditions(scope)
+        accept_encoding, if_none_match = conditions(scope)
         services = self._services
         try:
             reply = services.bricks.reply_now(address, accept_encoding, if_none_match)
@@ -86,7 +86,7 @@ async def _send(reply: Reply, method: str, send: Send) -> None:
     await send({"type": "http.response.body", "body": body})
 
 
-def _conditions(scope: Scope) -> tuple[str, str]:
+def conditions(scope: Scope) -> tuple[str, str]:
     """Accept-Encoding and If-None-Match, all values of each joined as RFC 9110 (5.3) allows."""
     accept_encoding = if_none_match = b""
     for name, value in scope["headers"]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, Protocol
 
-from octobrick.server.brick_headers import BrickHeaders, RawHeaders
+from octobrick.server.brick_headers import BrickHead, BrickHeaders, RawHeaders, header_lines
 from octobrick.server.catalog import Catalog, OpenVolume
 from octobrick.server.decoded_cache import DecodedCache
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
@@ -29,6 +29,7 @@ IMMUTABLE = "public, max-age=31536000, immutable"  # a year: the longest that HT
 _CACHE_CONTROL = (b"cache-control", IMMUTABLE.encode())
 _KEPT_HEADERS = 64  # Accept-Encoding as clients write it: each kind of client always alike
 _KEPT_HEADER_NBYTES = 128
+_CONTENT_TYPE = (b"content-type", b"application/octet-stream")
 _VARY = (b"vary", b"Accept-Encoding")
 
 
@@ -47,11 +48,12 @@ class BrickAddress:
 
 @dataclass(slots=True)
 class Reply:
-    """An HTTP answer as a value; headers as ASGI has them."""
+    """An HTTP answer as a value; its headers as ASGI has them, and the same as lines of text."""
 
     status: int
     headers: RawHeaders
     body: Content
+    lines: bytes
 
 
 class BrickReplies:
@@ -131,11 +133,6 @@ def accepts_zstd(accept_encoding: str) -> bool:
     return weights.get("zstd", weights.get("*", False))
 
 
-def cache_headers(etag: str) -> RawHeaders:
-    """The headers by which caches keep a brick; those of a 304."""
-    return [_CACHE_CONTROL, (b"etag", etag.encode()), _VARY]
-
-
 def matches_etag(if_none_match: str, etag: str) -> bool:
     """Whether an If-None-Match header (RFC 9110, 13.1.2) names this entity tag."""
     names = (name.strip().removeprefix("W/") for name in if_none_match.split(","))
@@ -213,23 +210,48 @@ def _reply(
     if_none_match: str,
     source: _Source,
 ) -> Reply:
-    _require_brick(lent.volume, address)
+    require_revision(lent.volume, address.volume_id, address.revision)
+    key = (address.kind, address.level, address.t, address.c, address.brick_zyx, zstd)
+    head: BrickHead | None = lent.heads.get(key)
+    if head is None:
+        _require_brick(lent.volume, address)
+        etag = _etag(address, zstd)
+        if if_none_match and matches_etag(if_none_match, etag):
+            headers = _cache_headers(etag)
+            return Reply(304, headers, b"", header_lines(headers))
+        head = _head(etag, zstd, source.headers().of_brick(address.brick_zyx))
+        head.keep(lent, key)
+    elif if_none_match and matches_etag(if_none_match, head.etag):
+        return Reply(304, head.cached, b"", head.cached_lines)
+    body = source.stored() if zstd else source.decoded()
+    if body is None:
+        return Reply(204, head.absent, b"", head.absent_lines)
+    length = b"%d" % len(body)
+    return Reply(
+        200,
+        [*head.present, (b"content-length", length)],
+        body,
+        b"%bcontent-length: %b\r\n" % (head.present_lines, length),
+    )
+
+
+def _etag(address: BrickAddress, zstd: bool) -> str:
     z, y, x = address.brick_zyx
-    etag = (
+    return (
         f'"{address.revision}-{address.level}.{address.t}.{address.c}.{z}.{y}.{x}'
         f'-{"zstd" if zstd else "identity"}"'
     )
-    if if_none_match and matches_etag(if_none_match, etag):
-        return Reply(304, cache_headers(etag), b"")
-    body = source.stored() if zstd else source.decoded()
-    headers = [*cache_headers(etag), *source.headers().of_brick(address.brick_zyx)]
-    if body is None:
-        return Reply(204, headers, b"")
-    headers.append((b"content-type", b"application/octet-stream"))
-    headers.append((b"content-length", b"%d" % len(body)))
-    if zstd:
-        headers.append((b"content-encoding", b"zstd"))
-    return Reply(200, headers, body)
+
+
+def _head(etag: str, zstd: bool, known: RawHeaders) -> BrickHead:
+    cached = _cache_headers(etag)
+    absent = [*cached, *known]
+    encoding = [(b"content-encoding", b"zstd")] if zstd else []
+    return BrickHead(etag, cached, absent, [*absent, _CONTENT_TYPE, *encoding])
+
+
+def _cache_headers(etag: str) -> RawHeaders:
+    return [_CACHE_CONTROL, (b"etag", etag.encode()), _VARY]
 
 
 def _bricks(volume: Volume, kind: BrickKind) -> Volume | StoredGradients:
@@ -248,7 +270,6 @@ def _key(lent: OpenVolume, at: BrickAddress) -> Hashable:
 
 
 def _require_brick(volume: Volume, address: BrickAddress) -> None:
-    require_revision(volume, address.volume_id, address.revision)
     level, (z, y, x) = address.level, address.brick_zyx
     if not 0 <= level < len(volume.levels):
         raise _no_such("level", level, len(volume.levels))

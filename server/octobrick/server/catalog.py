@@ -41,7 +41,7 @@ class OpenVolume:
     """A volume as it was when it was opened, and who still uses it.
 
     ``ranges`` and ``fidelity`` are those of the volume, kept once they were read; ``kept`` has a
-    place for what else is made once from the files as they were.
+    place for what else is made once from the files as they were, ``heads`` for the same by brick.
     """
 
     volume: Volume
@@ -52,6 +52,7 @@ class OpenVolume:
     ranges: Callable[[int, int, int], NDArray[Any]] = field(init=False)
     fidelity: Callable[[int, int, int], NDArray[np.float32]] = field(init=False)
     kept: dict[Hashable, Any] = field(default_factory=dict)
+    heads: dict[Hashable, Any] = field(default_factory=dict)
     serial: object = field(default_factory=object)  # like no other's
 
     def __post_init__(self) -> None:
