@@ -3,7 +3,9 @@
 Routing, validation and dependency injection cost several times what it takes to read a brick
 from the page cache. So this plain ASGI layer answers the addresses that its pattern knows;
 everything else, also a malformed address, goes on to the route of the same path, which explains
-and documents. Both answer through :func:`octobrick.server.brick_reply.brick_reply`.
+and documents. Both answer through :class:`octobrick.server.brick_reply.BrickReplies`.
+
+What is in memory is answered in the event loop, which never waits for a disk; a thread does.
 """
 
 from __future__ import annotations
@@ -14,14 +16,14 @@ import re
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from octobrick.codec.errors import OctobrickError
-from octobrick.server.brick_reply import BrickAddress, Reply, brick_reply
+from octobrick.server.brick_reply import BrickAddress, Reply
 from octobrick.server.error_replies import error_reply
 from octobrick.server.services import Services
 
 # Nine digits: beyond any grid, and short enough to turn into an integer without a thought.
 _INDEX = r"([0-9]{1,9})"
 _PATH = re.compile(
-    r"/v1/volumes/([A-Za-z0-9][A-Za-z0-9._-]{0,127})/([0-9a-f]{1,128})/bricks/"
+    r"/v1/volumes/([A-Za-z0-9][A-Za-z0-9._-]{0,127})/([0-9a-f]{1,128})/(bricks|gradients)/"
     + "/".join([_INDEX] * 6)
 )
 
@@ -45,17 +47,14 @@ class BrickLane:
     async def _answer(
         self, address: BrickAddress, scope: Scope, receive: Receive, send: Send
     ) -> None:
-        accept_encoding = _header(scope, b"accept-encoding")
-        if_none_match = _header(scope, b"if-none-match")
+        accept_encoding, if_none_match = conditions(scope)
+        services = self._services
         try:
-            reply = await asyncio.get_running_loop().run_in_executor(
-                self._services.readers,
-                brick_reply,
-                self._services.catalog,
-                address,
-                accept_encoding,
-                if_none_match,
-            )
+            reply = services.bricks.reply_now(address, accept_encoding, if_none_match)
+            if reply is None:
+                reply = await asyncio.get_running_loop().run_in_executor(
+                    services.readers, services.bricks.reply, address, accept_encoding, if_none_match
+                )
         except OctobrickError as error:
             await error_reply(error)(scope, receive, send)
             return
@@ -67,17 +66,32 @@ def parse_brick_path(path: str) -> BrickAddress | None:
     match = _PATH.fullmatch(path)
     if match is None:
         return None
-    volume_id, revision, *indices = match.groups()
-    level, t, c, z, y, x = (int(index) for index in indices)
-    return BrickAddress(volume_id, revision, level, t, c, (z, y, x))
+    volume_id, revision, what, level, t, c, z, y, x = match.groups()
+    return BrickAddress(
+        volume_id,
+        revision,
+        int(level),
+        int(t),
+        int(c),
+        (int(z), int(y), int(x)),
+        "voxels" if what == "bricks" else "gradients",
+    )
 
 
 async def _send(reply: Reply, method: str, send: Send) -> None:
-    headers = [(name.encode(), value.encode()) for name, value in reply.headers.items()]
-    await send({"type": "http.response.start", "status": reply.status, "headers": headers})
-    await send({"type": "http.response.body", "body": b"" if method == "HEAD" else reply.body})
+    body = b"" if method == "HEAD" else reply.body
+    await send(
+        {"type": "http.response.start", "status": reply.status, "headers": reply.headers}
+    )
+    await send({"type": "http.response.body", "body": body})
 
 
-def _header(scope: Scope, name: bytes) -> str:
-    """All values of a header, joined as RFC 9110 (5.3) allows; empty where there is none."""
-    return ",".join(value.decode("latin-1") for key, value in scope["headers"] if key == name)
+def conditions(scope: Scope) -> tuple[str, str]:
+    """Accept-Encoding and If-None-Match, all values of each joined as RFC 9110 (5.3) allows."""
+    accept_encoding = if_none_match = b""
+    for name, value in scope["headers"]:
+        if name == b"accept-encoding":
+            accept_encoding += b"," + value if accept_encoding else value
+        elif name == b"if-none-match":
+            if_none_match += b"," + value if if_none_match else value
+    return accept_encoding.decode("latin-1"), if_none_match.decode("latin-1")

@@ -2,24 +2,38 @@
 
 A brick's address holds the revision of its volume, so its bytes never change: the answer can be
 kept for ever, and whether a client's copy is good is known without reading anything.
+
+The answer has one meaning and is found in two ways: from what is in memory, without waiting, or
+with all the time that the disk takes. Where to look is a :class:`_Source`; the rest is the same.
 """
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal, Protocol
 
+from octobrick.server.brick_headers import BrickHead, BrickHeaders, RawHeaders, header_lines
 from octobrick.server.catalog import Catalog, OpenVolume
+from octobrick.server.decoded_cache import DecodedCache
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
 from octobrick.store import Volume
 from octobrick.store.box import Zyx
-from octobrick.store.brick_codec import codec_text
+from octobrick.store.stored_gradients import StoredGradients
 
-Headers = dict[str, str]
+BrickKind = Literal["voxels", "gradients"]
+Content = bytes | bytearray
 
 IMMUTABLE = "public, max-age=31536000, immutable"  # a year: the longest that HTTP caches honour
+_CACHE_CONTROL = (b"cache-control", IMMUTABLE.encode())
+_KEPT_HEADERS = 64  # Accept-Encoding as clients write it: each kind of client always alike
+_KEPT_HEADER_NBYTES = 128
+_CONTENT_TYPE = (b"content-type", b"application/octet-stream")
+_VARY = (b"vary", b"Accept-Encoding")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class BrickAddress:
     """Where a brick is: volume and revision, then level, time step, channel and grid position."""
 
@@ -29,33 +43,67 @@ class BrickAddress:
     t: int
     c: int
     brick_zyx: Zyx
+    kind: BrickKind = "voxels"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Reply:
-    """An HTTP answer as a value."""
+    """An HTTP answer as a value; its headers as ASGI has them, and the same as lines of text."""
 
     status: int
-    headers: Headers
-    body: bytes
+    headers: RawHeaders
+    body: Content
+    lines: bytes
 
 
-def brick_reply(
-    catalog: Catalog, address: BrickAddress, accept_encoding: str, if_none_match: str
-) -> Reply:
-    """Answer a request for a brick: 200, 204 where every voxel is the fill value, or 304.
+class BrickReplies:
+    """Answers requests for bricks. Safe to use from several threads.
 
-    Safe to call from any thread; blocks on the disk.
-
-    Raises:
-        VolumeNotFoundError: no volume has this id.
-        RevisionGoneError: the volume has another revision now.
-        BrickNotFoundError: the volume has no such level, time step, channel or brick.
-        CorruptDataError: the brick cannot be read as it was written.
+    Args:
+        catalog: the volumes.
+        decoded: keeps bricks without zstd, for the clients that do not take it.
     """
-    return catalog.read(
-        address.volume_id, lambda lent: _reply(lent, address, accept_encoding, if_none_match)
-    )
+
+    def __init__(self, catalog: Catalog, decoded: DecodedCache) -> None:
+        self._catalog = catalog
+        self._decoded = decoded
+        self._accepts_zstd = lru_cache(_KEPT_HEADERS)(accepts_zstd)
+
+    def reply(self, address: BrickAddress, accept_encoding: str, if_none_match: str) -> Reply:
+        """Answer a request for a brick: 200, 204 where it is absent, or 304; blocks on the disk.
+
+        Raises:
+            VolumeNotFoundError: no volume has this id.
+            RevisionGoneError: the volume has another revision now.
+            BrickNotFoundError: the volume has no such level, time step, channel or brick.
+            CorruptDataError: the brick cannot be read as it was written.
+        """
+
+        def use(lent: OpenVolume) -> Reply:
+            source = _Disk(lent, address, self._decoded)
+            return _reply(lent, address, self._zstd(accept_encoding), if_none_match, source)
+
+        return self._catalog.read(address.volume_id, use)
+
+    def reply_now(
+        self, address: BrickAddress, accept_encoding: str, if_none_match: str
+    ) -> Reply | None:
+        """The same from what is in memory; None where `reply` would have to wait, or to explain.
+
+        Raises:
+            RevisionGoneError, BrickNotFoundError: as `reply`.
+        """
+
+        def use(lent: OpenVolume) -> Reply:
+            source = _Memory(lent, address, self._decoded)
+            return _reply(lent, address, self._zstd(accept_encoding), if_none_match, source)
+
+        return self._catalog.read_now(address.volume_id, use)
+
+    def _zstd(self, accept_encoding: str) -> bool:
+        if len(accept_encoding) > _KEPT_HEADER_NBYTES:
+            return accepts_zstd(accept_encoding)
+        return self._accepts_zstd(accept_encoding)
 
 
 def require_revision(volume: Volume, volume_id: str, revision: str) -> None:
@@ -91,48 +139,160 @@ def matches_etag(if_none_match: str, etag: str) -> bool:
     return any(name in ("*", etag.removeprefix("W/")) for name in names)
 
 
+class _Source(Protocol):
+    """Where a brick and what is known of it come from."""
+
+    def headers(self) -> BrickHeaders:
+        """What is known of the bricks of this level, time step and channel."""
+
+    def stored(self) -> Content | None:
+        """The frame as on disk."""
+
+    def decoded(self) -> Content | None:
+        """The same without zstd."""
+
+
+@dataclass(slots=True)
+class _Disk:
+    """Takes the time that it takes."""
+
+    lent: OpenVolume
+    address: BrickAddress
+    cache: DecodedCache
+
+    def headers(self) -> BrickHeaders:
+        at = self.address
+        return BrickHeaders.of(self.lent, at.kind, at.level, at.t, at.c)
+
+    def stored(self) -> Content | None:
+        at = self.address
+        return _bricks(self.lent.volume, at.kind).stored_brick(at.level, at.brick_zyx, at.t, at.c)
+
+    def decoded(self) -> Content | None:
+        volume, at = self.lent.volume, self.address
+
+        def make() -> bytes | None:
+            if at.kind == "voxels":
+                return volume.brick_code(at.level, at.brick_zyx, at.t, at.c)
+            return _gradients(volume).code(at.level, at.brick_zyx, at.t, at.c)
+
+        return self.cache.get(_key(self.lent, at), make)
+
+
+@dataclass(slots=True)
+class _Memory:
+    """Raises BlockingIOError instead of waiting."""
+
+    lent: OpenVolume
+    address: BrickAddress
+    cache: DecodedCache
+
+    def headers(self) -> BrickHeaders:
+        at = self.address
+        return BrickHeaders.now(self.lent, at.kind, at.level, at.t, at.c)
+
+    def stored(self) -> Content | None:
+        at = self.address
+        bricks = _bricks(self.lent.volume, at.kind)
+        return bricks.stored_brick_now(at.level, at.brick_zyx, at.t, at.c)
+
+    def decoded(self) -> Content | None:
+        content = self.cache.peek(_key(self.lent, self.address))
+        if content is None:
+            raise BlockingIOError
+        return content
+
+
 def _reply(
-    lent: OpenVolume, address: BrickAddress, accept_encoding: str, if_none_match: str
+    lent: OpenVolume,
+    address: BrickAddress,
+    zstd: bool,
+    if_none_match: str,
+    source: _Source,
 ) -> Reply:
-    volume = lent.volume
-    _require_brick(volume, address)
-    zstd = accepts_zstd(accept_encoding)
+    require_revision(lent.volume, address.volume_id, address.revision)
+    key = (address.kind, address.level, address.t, address.c, address.brick_zyx, zstd)
+    head: BrickHead | None = lent.heads.get(key)
+    if head is None:
+        _require_brick(lent.volume, address)
+        etag = _etag(address, zstd)
+        if if_none_match and matches_etag(if_none_match, etag):
+            headers = _cache_headers(etag)
+            return Reply(304, headers, b"", header_lines(headers))
+        head = _head(etag, zstd, source.headers().of_brick(address.brick_zyx))
+        head.keep(lent, key)
+    elif if_none_match and matches_etag(if_none_match, head.etag):
+        return Reply(304, head.cached, b"", head.cached_lines)
+    body = source.stored() if zstd else source.decoded()
+    if body is None:
+        return Reply(204, head.absent, b"", head.absent_lines)
+    length = b"%d" % len(body)
+    return Reply(
+        200,
+        [*head.present, (b"content-length", length)],
+        body,
+        b"%bcontent-length: %b\r\n" % (head.present_lines, length),
+    )
+
+
+def _etag(address: BrickAddress, zstd: bool) -> str:
     z, y, x = address.brick_zyx
-    etag = (
-        f'"{volume.revision}-{address.level}.{address.t}.{address.c}.{z}.{y}.{x}'
+    return (
+        f'"{address.revision}-{address.level}.{address.t}.{address.c}.{z}.{y}.{x}'
         f'-{"zstd" if zstd else "identity"}"'
     )
-    headers = {"cache-control": IMMUTABLE, "etag": etag, "vary": "Accept-Encoding"}
-    if if_none_match and matches_etag(if_none_match, etag):
-        return Reply(304, headers, b"")
-    read = volume.stored_brick if zstd else volume.brick_code
-    body = read(address.level, address.brick_zyx, address.t, address.c)
-    headers |= _description(lent, address)
-    if body is None:
-        return Reply(204, headers, b"")
-    headers["content-type"] = "application/octet-stream"
-    headers["content-length"] = str(len(body))
-    if zstd:
-        headers["content-encoding"] = "zstd"
-    return Reply(200, headers, body)
+
+
+def _head(etag: str, zstd: bool, known: RawHeaders) -> BrickHead:
+    cached = _cache_headers(etag)
+    absent = [*cached, *known]
+    encoding = [(b"content-encoding", b"zstd")] if zstd else []
+    return BrickHead(etag, cached, absent, [*absent, _CONTENT_TYPE, *encoding])
+
+
+def _cache_headers(etag: str) -> RawHeaders:
+    return [_CACHE_CONTROL, (b"etag", etag.encode()), _VARY]
+
+
+def _bricks(volume: Volume, kind: BrickKind) -> Volume | StoredGradients:
+    return volume if kind == "voxels" else _gradients(volume)
+
+
+def _gradients(volume: Volume) -> StoredGradients:
+    assert volume.gradients is not None  # _require_brick saw to it
+    return volume.gradients
+
+
+def _key(lent: OpenVolume, at: BrickAddress) -> Hashable:
+    # Not the revision: what was read while a volume was replaced may be the other one's, and is
+    # thrown away with the one that is lent.
+    return (lent.serial, at.kind, at.level, at.t, at.c, at.brick_zyx)
 
 
 def _require_brick(volume: Volume, address: BrickAddress) -> None:
-    require_revision(volume, address.volume_id, address.revision)
-    if not 0 <= address.level < len(volume.levels):
-        raise _no_such("level", address.level, len(volume.levels))
+    level, (z, y, x) = address.level, address.brick_zyx
+    if not 0 <= level < len(volume.levels):
+        raise _no_such("level", level, len(volume.levels))
     if not 0 <= address.t < volume.nt:
         raise _no_such("time step", address.t, volume.nt)
     if not 0 <= address.c < volume.nc:
         raise _no_such("channel", address.c, volume.nc)
-    grid_zyx = volume.levels[address.level].grid_zyx
-    if not all(0 <= i < n for i, n in zip(address.brick_zyx, grid_zyx, strict=True)):
+    nz, ny, nx = grid_zyx = volume.levels[level].grid_zyx
+    if not (0 <= z < nz and 0 <= y < ny and 0 <= x < nx):
         raise BrickNotFoundError(
-            f"Brick {address.brick_zyx} (z, y, x) is outside level {address.level}, which has "
+            f"Brick {address.brick_zyx} (z, y, x) is outside level {level}, which has "
             f"{grid_zyx} bricks",
             brick_zyx=list(address.brick_zyx),
             grid_zyx=list(grid_zyx),
         )
+    if address.kind == "gradients":
+        stored = () if volume.gradients is None else volume.gradients.levels
+        if level not in stored:
+            raise BrickNotFoundError(
+                f"Level {level} stores no gradients; levels {list(stored)} do",
+                level=level,
+                levels=list(stored),
+            )
 
 
 def _no_such(what: str, index: int, count: int) -> BrickNotFoundError:
@@ -141,20 +301,6 @@ def _no_such(what: str, index: int, count: int) -> BrickNotFoundError:
         index=index,
         count=count,
     )
-
-
-def _description(lent: OpenVolume, address: BrickAddress) -> Headers:
-    """What the bytes are, and what is known of them, without decoding them."""
-    low, high = lent.ranges(address.level, address.t, address.c)[address.brick_zyx]
-    max_error, rmse = lent.fidelity(address.level, address.t, address.c)[address.brick_zyx]
-    return {
-        "x-octobrick-codec": codec_text(lent.volume.level_codec(address.level)),
-        "x-octobrick-dtype": str(lent.volume.dtype),
-        "x-octobrick-shape": ",".join(str(n) for n in lent.volume.brick_shape_zyx),
-        "x-octobrick-range": f"{low},{high}",
-        "x-octobrick-max-error": f"{max_error:.6g}",
-        "x-octobrick-rmse": f"{rmse:.6g}",
-    }
 
 
 def _weight(parameters: str) -> float:

@@ -10,7 +10,7 @@ import logging
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -40,7 +40,8 @@ Stamp = tuple[int, int, int, int]
 class OpenVolume:
     """A volume as it was when it was opened, and who still uses it.
 
-    ``ranges`` and ``fidelity`` are those of the volume, kept once they were read.
+    ``ranges`` and ``fidelity`` are those of the volume, kept once they were read; ``kept`` has a
+    place for what else is made once from the files as they were, ``heads`` for the same by brick.
     """
 
     volume: Volume
@@ -50,6 +51,9 @@ class OpenVolume:
     retired: bool = False
     ranges: Callable[[int, int, int], NDArray[Any]] = field(init=False)
     fidelity: Callable[[int, int, int], NDArray[np.float32]] = field(init=False)
+    kept: dict[Hashable, Any] = field(default_factory=dict)
+    heads: dict[Hashable, Any] = field(default_factory=dict)
+    serial: object = field(default_factory=object)  # like no other's
 
     def __post_init__(self) -> None:
         self.ranges = lru_cache(_KEPT_SUMMARIES)(self.volume.ranges)
@@ -146,6 +150,30 @@ class Catalog:
                     continue
                 if lent.is_current():
                     return result
+
+    def read_now(self, volume_id: str, use: Callable[[OpenVolume], T]) -> T | None:
+        """As `read`, for an event loop: None where the answer takes a wait, or another look.
+
+        The volume is not borrowed: one that is closed under our hands has no open shard any more,
+        so ``use`` finds that it would have to wait. One look at the stamp is enough, after the
+        reading: whoever opened what was read, and when, that was the volume which is there still.
+
+        Raises:
+            OctobrickError: what ``use`` raises of a volume that is still there.
+        """
+        entry = self._entries.get(volume_id)
+        lent = None if entry is None else entry.open
+        if lent is None:
+            return None
+        try:
+            result = use(lent)
+        except (BlockingIOError, CorruptDataError):
+            return None
+        except OctobrickError:
+            if lent.is_current():
+                raise
+            return None
+        return result if lent.is_current() else None
 
     def close(self) -> None:
         """Close all volumes, those in use when their borrowers return them."""

@@ -14,6 +14,8 @@ from octobrick.server.errors import LimitError
 # Octets that some layer could take for a separator or an end once they are decoded: / \ % NUL.
 _ENCODED_SEPARATOR = re.compile(rb"%(2f|5c|25|00)|\\", re.IGNORECASE)
 
+ADDED_HEADERS = [(b"x-content-type-options", b"nosniff")]  # to every answer
+
 
 class FrontDoor:
     """Refuses odd paths and long bodies, adds the security header, answers unexpected errors.
@@ -38,10 +40,7 @@ class FrontDoor:
             nonlocal started
             if message["type"] == "http.response.start":
                 started = True
-                message["headers"] = [
-                    *message.get("headers", ()),
-                    (b"x-content-type-options", b"nosniff"),
-                ]
+                message["headers"] = [*message.get("headers", ()), *ADDED_HEADERS]
             await send(message)
 
         try:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from fastapi import Depends, Request
 
+from octobrick.server.brick_reply import BrickReplies
 from octobrick.server.catalog import Catalog
+from octobrick.server.decoded_cache import DecodedCache
 from octobrick.server.render_thread import RenderThread
 from octobrick.server.settings import Settings
 from octobrick.server.tables import TableCache
@@ -27,6 +29,8 @@ class Services:
 
     catalog: Catalog
     tables: TableCache
+    decoded: DecodedCache
+    bricks: BrickReplies
     readers: ThreadPoolExecutor
     renders: RenderThread[Renderer]
 
@@ -43,6 +47,8 @@ class Services:
         self.catalog = Catalog(self.settings.data_dir)
         self.catalog.scan()
         self.tables = TableCache(self.settings.table_cache_nbytes)
+        self.decoded = DecodedCache(self.settings.decoded_cache_nbytes)
+        self.bricks = BrickReplies(self.catalog, self.decoded)
         self.readers = ThreadPoolExecutor(self.settings.read_threads, "octobrick-read")
         self.renders = RenderThread(self._make_renderer, self.settings.render_queue_length)
         self.renders.start()

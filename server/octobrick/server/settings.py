@@ -63,6 +63,11 @@ class Settings(BaseSettings):
         ge=0,
         description="Memory for tables of ranges and errors, compressed (64 MiB).",
     )
+    decoded_cache_nbytes: int = Field(
+        default=268_435_456,
+        ge=0,
+        description="Memory for bricks without zstd, for clients that take none; 0 keeps none.",
+    )
 
     # Pictures
 

@@ -12,6 +12,7 @@ with nothing but the index kept in memory.
 
 from __future__ import annotations
 
+import errno
 import os
 import threading
 from collections import OrderedDict
@@ -149,6 +150,7 @@ class ShardReader:
 
     def __init__(self, path: Path, nslots: int) -> None:
         self.path = path
+        self._has_nowait = hasattr(os, "RWF_NOWAIT")  # Linux; not every file system has it
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
             self._index = self._read_index(nslots)
@@ -181,6 +183,30 @@ class ShardReader:
         found = self._index[slots]
         nbytes = np.where(found[:, 0] == ABSENT, np.uint64(0), found[:, 1])
         return nbytes.astype(np.int64)
+
+    def read_now(self, slot: int) -> bytearray | None:
+        """The same where the system has the bytes in memory; never waits for the disk.
+
+        Raises:
+            BlockingIOError: `read` would have to wait, or has an error to explain, or the system
+                cannot tell.
+        """
+        offset, nbytes = self._index[slot].tolist()
+        if offset == ABSENT:
+            return None
+        if self._has_nowait:
+            frame = bytearray(nbytes)
+            try:
+                # Less than asked for: the rest is not in memory, or not in the file.
+                if os.preadv(self._descriptor, [frame], offset, os.RWF_NOWAIT) == nbytes:
+                    return frame
+            except BlockingIOError:
+                raise
+            except OSError as error:
+                if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS):
+                    raise BlockingIOError(error.errno, "left to a read that may wait") from error
+                self._has_nowait = False
+        raise BlockingIOError(errno.EAGAIN, "not in memory")
 
     def close(self) -> None:
         """Release the file; reading afterwards is an error."""
@@ -269,6 +295,26 @@ class ShardCache:
                 nbytes[at] = reader.nbytes_of(slots[at])
         return nbytes
 
+    def read_now(self, brick_zyx: Zyx, t: int, c: int) -> bytearray | None:
+        """The same, without waiting for the disk or for another thread.
+
+        Raises:
+            BlockingIOError: `read` would have to wait, or has an error to explain.
+        """
+        key = self._key(brick_zyx, t, c)
+        if key not in self._shard_nbytes:
+            return None
+        if not self._lock.acquire(blocking=False):  # held while a shard is opened
+            raise BlockingIOError(errno.EAGAIN, "another thread opens a shard")
+        try:
+            reader = self._open.get(key)
+            if reader is None:
+                raise BlockingIOError(errno.EAGAIN, "the shard is not open")
+            self._open.move_to_end(key)
+        finally:
+            self._lock.release()
+        return reader.read_now(slot_of(brick_zyx, self._shard_bricks_zyx))
+
     def path_of(self, brick_zyx: Zyx, t: int, c: int) -> Path:
         """The file that holds, or would hold, a brick."""
         return self._folder / self._key(brick_zyx, t, c)
@@ -316,12 +362,11 @@ def index_nbytes(nslots: int) -> int:
 
 def shard_key(brick_zyx: Zyx, shard_bricks_zyx: Zyx, t: int, c: int) -> str:
     """The path of a brick's shard below its level, in Zarr's default chunk key encoding."""
-    z, y, x = (i // n for i, n in zip(brick_zyx, shard_bricks_zyx, strict=True))
-    return f"c/{t}/{c}/{z}/{y}/{x}"
+    (z, y, x), (nz, ny, nx) = brick_zyx, shard_bricks_zyx
+    return f"c/{t}/{c}/{z // nz}/{y // ny}/{x // nx}"
 
 
 def slot_of(brick_zyx: Zyx, shard_bricks_zyx: Zyx) -> int:
     """A brick's place in the index of its shard, z slowest, x fastest."""
-    z, y, x = (i % n for i, n in zip(brick_zyx, shard_bricks_zyx, strict=True))
-    _, ny, nx = shard_bricks_zyx
-    return (z * ny + y) * nx + x
+    (z, y, x), (nz, ny, nx) = brick_zyx, shard_bricks_zyx
+    return (z % nz * ny + y % ny) * nx + x % nx

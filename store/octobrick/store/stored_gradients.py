@@ -80,6 +80,11 @@ class StoredGradients:
         self._require(level, zyx)
         return self._shards[level].read(zyx, t, c)
 
+    def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
+        """The same from memory; BlockingIOError where `stored_brick` would have to wait, or fail."""
+        self._require(level, zyx)
+        return self._shards[level].read_now(zyx, t, c)
+
     def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick's codes without the entropy layer; None where no voxel has a direction.
 
@@ -144,7 +149,8 @@ class StoredGradients:
                 levels=list(self.levels),
             )
         grid_zyx = self._volume_levels[level].grid_zyx
-        if not all(0 <= i < n for i, n in zip(zyx, grid_zyx, strict=True)):
+        (z, y, x), (nz, ny, nx) = zyx, grid_zyx
+        if not (0 <= z < nz and 0 <= y < ny and 0 <= x < nx):
             raise InvalidInputError(
                 f"{self._path.name}: level {level} has no brick (z, y, x) = {zyx}; it has "
                 f"{grid_zyx}",

@@ -44,8 +44,8 @@ def open_volume(path: str | os.PathLike[str]) -> Volume:
 class Volume:
     """A volume, its levels and bricks. Safe to use from several threads.
 
-    Reading goes straight to the shards: an index is parsed once and kept, a brick is one read.
-    The files are expected not to change; a volume that is replaced on disk must be opened anew.
+    An index is parsed once and kept, a brick is one read. The files are expected not to change; a
+    volume that is replaced on disk must be opened anew.
 
     Attributes:
         path: the volume's folder.
@@ -225,6 +225,11 @@ class Volume:
             self._require_brick(level, (z, y, x), t, c)
         return self._shards[level].nbytes_of(bricks_zyx, t, c)
 
+    def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
+        """The same from memory; BlockingIOError where `stored_brick` would have to wait, or fail."""
+        self._require_brick(level, zyx, t, c)
+        return self._shards[level].read_now(zyx, t, c)
+
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick without the entropy layer, as a GPU takes it; None where the brick is absent.
 
@@ -390,7 +395,8 @@ class Volume:
 
     def _require_brick(self, level: int, zyx: Zyx, t: int, c: int) -> None:
         grid_zyx = self.level(level).grid_zyx
-        inside = all(0 <= i < n for i, n in zip(zyx, grid_zyx, strict=True))
+        (z, y, x), (nz, ny, nx) = zyx, grid_zyx
+        inside = 0 <= z < nz and 0 <= y < ny and 0 <= x < nx
         if not (inside and 0 <= t < self.nt and 0 <= c < self.nc):
             raise InvalidInputError(
                 f"{self.name}: level {level} has no brick (t, c, z, y, x) = {(t, c, *zyx)}; it has "

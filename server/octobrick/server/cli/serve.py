@@ -61,6 +61,9 @@ def _serve(settings: Settings) -> None:
         import uvicorn
 
         from octobrick.server.app import create_app
+        from octobrick.server.brick_headers import header_lines
+        from octobrick.server.direct_lane import DirectLane, direct_protocol
+        from octobrick.server.front_door import ADDED_HEADERS
     except ImportError as error:
         raise _missing_extra(error) from error
     listener = _listen(settings.host, settings.port)
@@ -72,10 +75,13 @@ def _serve(settings: Settings) -> None:
             await super().startup(sockets)
             click.echo(f"octobrick serves {settings.data_dir} at {address}")
 
+    app = create_app(settings)
+    added = header_lines(ADDED_HEADERS)
+    lane = DirectLane(app.state.services, admit=lambda _: added)
     config = uvicorn.Config(
-        create_app(settings),
+        app,
         access_log=settings.log_level == "debug",
-        http="httptools",
+        http=direct_protocol(lane),
         lifespan="on",
         log_config=_log_config(settings.log_level),
         loop="uvloop",
