@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from fastapi import Depends, Request
 
 from octobrick.server.catalog import Catalog
+from octobrick.server.interop.interop_reply import ChunkCache
 from octobrick.server.render_thread import RenderThread
 from octobrick.server.settings import Settings
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Services:
-    """The catalog, the threads that read, and the thread that renders.
+    """The catalog, the threads that read, what they keep, and the thread that renders.
 
     Args:
         settings: the server's settings.
@@ -25,6 +26,7 @@ class Services:
     """
 
     catalog: Catalog
+    chunks: ChunkCache
     readers: ThreadPoolExecutor
     renders: RenderThread[Renderer]
 
@@ -40,6 +42,7 @@ class Services:
         """
         self.catalog = Catalog(self.settings.data_dir)
         self.catalog.scan()
+        self.chunks = ChunkCache(self.settings.chunk_cache_nbytes)
         self.readers = ThreadPoolExecutor(self.settings.read_threads, "octobrick-read")
         self.renders = RenderThread(self._make_renderer, self.settings.render_queue_length)
         self.renders.start()

@@ -47,6 +47,11 @@ class Settings(BaseSettings):
     read_threads: int = Field(
         default=4, ge=1, le=64, description="Threads that read bricks from disk."
     )
+    chunk_cache_nbytes: int = Field(
+        default=268_435_456,
+        ge=0,
+        description="Memory for chunks made for readers of other formats (256 MiB); 0 keeps none.",
+    )
 
     # Pictures
 
