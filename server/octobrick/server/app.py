@@ -13,7 +13,17 @@ from fastapi.middleware.cors import CORSMiddleware
 from octobrick.server.brick_lane import BrickLane
 from octobrick.server.error_replies import handle_errors
 from octobrick.server.front_door import FrontDoor
-from octobrick.server.routes import batch, bricks, docs, health, render, select, tables, volumes
+from octobrick.server.routes import (
+    batch,
+    bricks,
+    docs,
+    health,
+    interop,
+    render,
+    select,
+    tables,
+    volumes,
+)
 from octobrick.server.services import Services
 from octobrick.server.settings import Settings
 
@@ -27,6 +37,7 @@ Every error has one shape, `{"error": {"kind", "message", "facts"}}`; kinds are 
 
 # Headers that a page of another origin may read, where `cors_origins` lets it.
 _EXPOSED_HEADERS = [
+    "Content-Range",
     "ETag",
     "Retry-After",
     "Server-Timing",
@@ -73,7 +84,7 @@ def create_app(
     )
     app.state.services = services
     handle_errors(app)
-    for routes in (health, volumes, tables, bricks, batch, select, render, docs):
+    for routes in (health, volumes, tables, bricks, batch, select, render, interop, docs):
         app.include_router(routes.router)
     # The last one added is the first one passed.
     app.add_middleware(BrickLane, services=services)
@@ -83,7 +94,7 @@ def create_app(
             CORSMiddleware,
             allow_origins=settings.cors_origins,
             allow_methods=["GET", "HEAD", "POST"],
-            allow_headers=["Content-Type", "If-None-Match"],
+            allow_headers=["Content-Type", "If-None-Match", "Range"],
             expose_headers=_EXPOSED_HEADERS,
         )
     return app

@@ -11,6 +11,7 @@ from fastapi import Depends, Request
 from octobrick.server.brick_reply import BrickReplies
 from octobrick.server.catalog import Catalog
 from octobrick.server.decoded_cache import DecodedCache
+from octobrick.server.interop.interop_reply import ChunkCache
 from octobrick.server.render_thread import RenderThread
 from octobrick.server.settings import Settings
 from octobrick.server.tables import TableCache
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Services:
-    """The catalog, the threads that read, and the thread that renders.
+    """The catalog, the threads that read, what they keep, and the thread that renders.
 
     Args:
         settings: the server's settings.
@@ -31,6 +32,7 @@ class Services:
     tables: TableCache
     decoded: DecodedCache
     bricks: BrickReplies
+    chunks: ChunkCache
     readers: ThreadPoolExecutor
     renders: RenderThread[Renderer]
 
@@ -49,6 +51,7 @@ class Services:
         self.tables = TableCache(self.settings.table_cache_nbytes)
         self.decoded = DecodedCache(self.settings.decoded_cache_nbytes)
         self.bricks = BrickReplies(self.catalog, self.decoded)
+        self.chunks = ChunkCache(self.settings.chunk_cache_nbytes)
         self.readers = ThreadPoolExecutor(self.settings.read_threads, "octobrick-read")
         self.renders = RenderThread(self._make_renderer, self.settings.render_queue_length)
         self.renders.start()

@@ -68,6 +68,11 @@ class Settings(BaseSettings):
         ge=0,
         description="Memory for bricks without zstd, for clients that take none; 0 keeps none.",
     )
+    chunk_cache_nbytes: int = Field(
+        default=268_435_456,
+        ge=0,
+        description="Memory for chunks made for readers of other formats (256 MiB); 0 keeps none.",
+    )
 
     # Pictures
 
