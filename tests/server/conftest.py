@@ -94,7 +94,7 @@ def volumes_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("volumes")
     source = folder / "ramp.npy"
     np.save(source, ramp())
-    ingest(source, folder / "head.zarr", codec=S3dc(), brick=16, workers=1)
+    ingest(source, folder / "head.zarr", codec=S3dc(), brick=16, workers=1, gradients=True)
     ingest(source, folder / "exact.zarr", codec=None, brick=16, workers=1)
     (folder / "torn.zarr").mkdir()
     (folder / "torn.zarr" / "zarr.json").write_text("{")

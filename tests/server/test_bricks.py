@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from octobrick.server.brick_lane import parse_brick_path
-from octobrick.server.brick_reply import accepts_zstd, matches_etag
+from octobrick.server.reply import accepts_zstd, matches_etag
 from octobrick.store import Volume, open_volume
 
 ErrorOf = Callable[[Any], dict[str, Any]]

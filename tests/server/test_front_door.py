@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError, ResourceError
 from octobrick.server import Settings, create_app
-from octobrick.server.brick_reply import accepts_zstd, matches_etag
 from octobrick.server.errors import BusyError, answer_to, public_view
+from octobrick.server.reply import accepts_zstd, matches_etag
 
 ErrorOf = Callable[[Any], dict[str, Any]]
 

@@ -16,7 +16,7 @@ import re
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from octobrick.codec.errors import OctobrickError
-from octobrick.server.brick_reply import BrickAddress, Reply
+from octobrick.server.brick_reply import BrickAddress, BrickReply
 from octobrick.server.error_replies import error_reply
 from octobrick.server.services import Services
 
@@ -78,11 +78,9 @@ def parse_brick_path(path: str) -> BrickAddress | None:
     )
 
 
-async def _send(reply: Reply, method: str, send: Send) -> None:
+async def _send(reply: BrickReply, method: str, send: Send) -> None:
     body = b"" if method == "HEAD" else reply.body
-    await send(
-        {"type": "http.response.start", "status": reply.status, "headers": reply.headers}
-    )
+    await send({"type": "http.response.start", "status": reply.status, "headers": reply.headers})
     await send({"type": "http.response.body", "body": body})
 
 

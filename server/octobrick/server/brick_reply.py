@@ -17,7 +17,8 @@ from typing import Literal, Protocol
 from octobrick.server.brick_headers import BrickHead, BrickHeaders, RawHeaders, header_lines
 from octobrick.server.catalog import Catalog, OpenVolume
 from octobrick.server.decoded_cache import DecodedCache
-from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
+from octobrick.server.errors import BrickNotFoundError
+from octobrick.server.reply import IMMUTABLE, accepts_zstd, matches_etag, require_revision
 from octobrick.store import Volume
 from octobrick.store.box import Zyx
 from octobrick.store.stored_gradients import StoredGradients
@@ -25,7 +26,6 @@ from octobrick.store.stored_gradients import StoredGradients
 BrickKind = Literal["voxels", "gradients"]
 Content = bytes | bytearray
 
-IMMUTABLE = "public, max-age=31536000, immutable"  # a year: the longest that HTTP caches honour
 _CACHE_CONTROL = (b"cache-control", IMMUTABLE.encode())
 _KEPT_HEADERS = 64  # Accept-Encoding as clients write it: each kind of client always alike
 _KEPT_HEADER_NBYTES = 128
@@ -47,8 +47,8 @@ class BrickAddress:
 
 
 @dataclass(slots=True)
-class Reply:
-    """An HTTP answer as a value; its headers as ASGI has them, and the same as lines of text."""
+class BrickReply:
+    """The answer as a value; its headers as ASGI has them, and the same as lines of text."""
 
     status: int
     headers: RawHeaders
@@ -69,7 +69,7 @@ class BrickReplies:
         self._decoded = decoded
         self._accepts_zstd = lru_cache(_KEPT_HEADERS)(accepts_zstd)
 
-    def reply(self, address: BrickAddress, accept_encoding: str, if_none_match: str) -> Reply:
+    def reply(self, address: BrickAddress, accept_encoding: str, if_none_match: str) -> BrickReply:
         """Answer a request for a brick: 200, 204 where it is absent, or 304; blocks on the disk.
 
         Raises:
@@ -79,7 +79,7 @@ class BrickReplies:
             CorruptDataError: the brick cannot be read as it was written.
         """
 
-        def use(lent: OpenVolume) -> Reply:
+        def use(lent: OpenVolume) -> BrickReply:
             source = _Disk(lent, address, self._decoded)
             return _reply(lent, address, self._zstd(accept_encoding), if_none_match, source)
 
@@ -87,14 +87,14 @@ class BrickReplies:
 
     def reply_now(
         self, address: BrickAddress, accept_encoding: str, if_none_match: str
-    ) -> Reply | None:
+    ) -> BrickReply | None:
         """The same from what is in memory; None where `reply` would have to wait, or to explain.
 
         Raises:
             RevisionGoneError, BrickNotFoundError: as `reply`.
         """
 
-        def use(lent: OpenVolume) -> Reply:
+        def use(lent: OpenVolume) -> BrickReply:
             source = _Memory(lent, address, self._decoded)
             return _reply(lent, address, self._zstd(accept_encoding), if_none_match, source)
 
@@ -104,39 +104,6 @@ class BrickReplies:
         if len(accept_encoding) > _KEPT_HEADER_NBYTES:
             return accepts_zstd(accept_encoding)
         return self._accepts_zstd(accept_encoding)
-
-
-def require_revision(volume: Volume, volume_id: str, revision: str) -> None:
-    """Refuse a revision that is not the volume's own.
-
-    Raises:
-        RevisionGoneError: with the revision that the volume has.
-    """
-    if revision != volume.revision:
-        raise RevisionGoneError(
-            f"Volume {volume_id!r} has revision {volume.revision} now; fetch its metadata again",
-            id=volume_id,
-            current_revision=volume.revision,
-        )
-
-
-def accepts_zstd(accept_encoding: str) -> bool:
-    """Whether an Accept-Encoding header (RFC 9110, 12.5.3) names zstd, or everything, with q > 0.
-
-    An absent header accepts anything by the letter; it gets plain bytes, because the programs
-    that send none do not decode.
-    """
-    weights: dict[str, bool] = {}
-    for item in accept_encoding.lower().split(","):
-        coding, _, parameters = item.partition(";")
-        weights[coding.strip()] = _weight(parameters) > 0
-    return weights.get("zstd", weights.get("*", False))
-
-
-def matches_etag(if_none_match: str, etag: str) -> bool:
-    """Whether an If-None-Match header (RFC 9110, 13.1.2) names this entity tag."""
-    names = (name.strip().removeprefix("W/") for name in if_none_match.split(","))
-    return any(name in ("*", etag.removeprefix("W/")) for name in names)
 
 
 class _Source(Protocol):
@@ -209,7 +176,7 @@ def _reply(
     zstd: bool,
     if_none_match: str,
     source: _Source,
-) -> Reply:
+) -> BrickReply:
     require_revision(lent.volume, address.volume_id, address.revision)
     key = (address.kind, address.level, address.t, address.c, address.brick_zyx, zstd)
     head: BrickHead | None = lent.heads.get(key)
@@ -218,16 +185,16 @@ def _reply(
         etag = _etag(address, zstd)
         if if_none_match and matches_etag(if_none_match, etag):
             headers = _cache_headers(etag)
-            return Reply(304, headers, b"", header_lines(headers))
+            return BrickReply(304, headers, b"", header_lines(headers))
         head = _head(etag, zstd, source.headers().of_brick(address.brick_zyx))
         head.keep(lent, key)
     elif if_none_match and matches_etag(if_none_match, head.etag):
-        return Reply(304, head.cached, b"", head.cached_lines)
+        return BrickReply(304, head.cached, b"", head.cached_lines)
     body = source.stored() if zstd else source.decoded()
     if body is None:
-        return Reply(204, head.absent, b"", head.absent_lines)
+        return BrickReply(204, head.absent, b"", head.absent_lines)
     length = b"%d" % len(body)
-    return Reply(
+    return BrickReply(
         200,
         [*head.present, (b"content-length", length)],
         body,
@@ -301,14 +268,3 @@ def _no_such(what: str, index: int, count: int) -> BrickNotFoundError:
         index=index,
         count=count,
     )
-
-
-def _weight(parameters: str) -> float:
-    for parameter in parameters.split(";"):
-        name, _, value = parameter.partition("=")
-        if name.strip() == "q":
-            try:
-                return float(value)
-            except ValueError:
-                return 0.0  # not a weight: the client gets what everyone understands
-    return 1.0

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from octobrick.server import view
-from octobrick.server.brick_reply import require_revision
 from octobrick.server.catalog import OpenVolume
+from octobrick.server.reply import require_revision
 from octobrick.server.view_request import ViewBody, ViewQuery
 
 SIDE_MAX: Final = 65_536

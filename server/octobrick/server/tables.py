@@ -12,15 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec.errors import CorruptDataError
-from octobrick.server.brick_reply import (
-    IMMUTABLE,
-    Reply,
-    accepts_zstd,
-    matches_etag,
-    require_revision,
-)
 from octobrick.server.catalog import Catalog, OpenVolume
 from octobrick.server.places import require_place
+from octobrick.server.reply import IMMUTABLE, Reply, accepts_zstd, matches_etag, require_revision
 from octobrick.store.frame import compress, decompress
 
 TableKind = Literal["range", "fidelity"]

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 
 import zstandard
 
-from octobrick.server.brick_reply import (
+from octobrick.server.byte_cache import ByteCache
+from octobrick.server.catalog import Catalog, OpenVolume
+from octobrick.server.interop.byte_range import byte_range
+from octobrick.server.interop.resources import Chunk, Document, Resource, nothing
+from octobrick.server.reply import (
     IMMUTABLE,
     Headers,
     Reply,
@@ -16,10 +20,6 @@ from octobrick.server.brick_reply import (
     matches_etag,
     require_revision,
 )
-from octobrick.server.byte_cache import ByteCache
-from octobrick.server.catalog import Catalog, OpenVolume
-from octobrick.server.interop.byte_range import byte_range
-from octobrick.server.interop.resources import Chunk, Document, Resource, nothing
 from octobrick.store import Volume
 
 ChunkKey = tuple[str, ...]

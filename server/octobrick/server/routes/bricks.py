@@ -7,11 +7,11 @@ from typing import Annotated, Any, NamedTuple
 from fastapi import APIRouter, Depends, Header, Path, Response
 
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
-from octobrick.server.brick_reply import BrickAddress, BrickKind, Reply
+from octobrick.server.brick_reply import BrickAddress, BrickKind, BrickReply
 from octobrick.server.catalog import unknown_volume
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
 from octobrick.server.routes.shared import EXAMPLE_REVISION, Revision, VolumeId, documented
-from octobrick.server.services import ServicesDep, Services
+from octobrick.server.services import Services, ServicesDep
 
 router = APIRouter(prefix="/v1", tags=["bricks"])
 
@@ -135,7 +135,7 @@ def get_gradients(asked: _AskedDep) -> Response:
     return asked.response("gradients")
 
 
-def _response(reply: Reply) -> Response:
+def _response(reply: BrickReply) -> Response:
     response = Response(bytes(reply.body), reply.status)
     response.raw_headers = reply.headers
     return response

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fastapi import APIRouter, Header, Query, Response
 
 from octobrick.codec.errors import InvalidInputError, ResourceError
-from octobrick.server.brick_reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.catalog import OpenVolume, unknown_volume
 from octobrick.server.errors import BusyError, LimitError, RenderTimeoutError, RevisionGoneError
+from octobrick.server.reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.routes.shared import EXAMPLE_REVISION, VolumeId, documented
 from octobrick.server.services import Services, ServicesDep
 from octobrick.server.view_request import ViewBody, ViewQuery

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Response
 
 from octobrick.codec.errors import InvalidInputError
-from octobrick.server.brick_reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.catalog import OpenVolume, unknown_volume
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
+from octobrick.server.reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.routes.shared import EXAMPLE_REVISION, Revision, VolumeId, documented
 from octobrick.server.services import ServicesDep
 from octobrick.server.tables import TableAddress, TableKind, table_reply
