@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from typing import Literal
+from urllib.parse import unquote
 
 from octobrick.server.route_label import BRICKS, GRADIENTS
 from octobrick.server.signed_paths import without_signature
@@ -13,6 +14,8 @@ AccessPolicy = Literal["none", "errors", "routes", "all"]
 
 _PATH_LENGTH = 256  # characters of a path that a line shows
 _FIRST_ERROR_STATUS = 400
+# What comes so often that its lines would hide all others.
+_FREQUENT = frozenset({BRICKS, GRADIENTS, "healthz", "readyz", "metrics"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +45,8 @@ class AccessLog:
     """Writes the lines that the policy wants to the logger ``octobrick.access``.
 
     Args:
-        policy: ``all``; ``routes``, that is all but single bricks that were served well;
-            ``errors``, answers from 400 on and those that broke off; or ``none``.
+        policy: ``all``; ``routes``, that is all but single bricks, probes and metrics that were
+            served well; ``errors``, answers from 400 on and those that broke off; or ``none``.
     """
 
     def __init__(self, policy: AccessPolicy) -> None:
@@ -56,7 +59,7 @@ class AccessLog:
             return False
         if self._policy == "all" or cut or not 0 < status < _FIRST_ERROR_STATUS:
             return True
-        return self._policy == "routes" and route not in (BRICKS, GRADIENTS)
+        return self._policy == "routes" and route not in _FREQUENT
 
     def write(self, passed: Passed) -> None:
         """Write the line of a request. The query is not shown, nor is a signature."""
@@ -78,7 +81,7 @@ class AccessLog:
 
 
 def shown_path(raw_path: bytes) -> str:
-    """A path as the client sent it, but short, printable and without its secret."""
-    text = without_signature(raw_path[: 2 * _PATH_LENGTH].decode("ascii", "backslashreplace"))
-    text = text[:_PATH_LENGTH]
+    """A path, decoded, but short, printable and without its secret, however that is spelled."""
+    text = unquote(raw_path[: 2 * _PATH_LENGTH].decode("ascii", "backslashreplace"))
+    text = without_signature(text)[:_PATH_LENGTH]
     return text if text.isprintable() else text.encode("unicode_escape").decode("ascii")

@@ -135,5 +135,5 @@ class Settings(BaseSettings):
     )
     access_log: Literal["none", "errors", "routes", "all"] = Field(
         default="routes",
-        description="Requests that get a line: `routes` is all but single bricks served well.",
+        description="Requests that get a line; `routes` leaves out good bricks and probes.",
     )
