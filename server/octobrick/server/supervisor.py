@@ -149,6 +149,7 @@ class Supervisor:
 
     def _stop(self, signals: _Signals) -> bool:
         """Stop all workers; at once at a second signal. Returns whether all stopped in order."""
+        self._listener.close()  # or new clients would wait here for a worker that never comes
         for worker in self._workers:
             if worker.pipe is not None:
                 with contextlib.suppress(OSError):
