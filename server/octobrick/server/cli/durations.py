@@ -10,7 +10,7 @@ _SECONDS = {"s": 1, "m": 60, "h": 3_600, "d": 86_400}
 _LENGTH = re.compile(r"([1-9][0-9]{0,5})([smhd])")
 
 
-class Duration(click.ParamType):
+class Duration(click.ParamType[int]):
     """A length of time; the command gets seconds."""
 
     name = "duration"
