@@ -56,6 +56,7 @@ class Client:
         transport = httpx.ASGITransport(app, raise_app_exceptions=False)
         self._client = httpx.AsyncClient(transport=transport, base_url="http://test")
         self._client.headers.clear()
+        self._client.headers["x-request-id"] = "test"  # or no two answers would be equal
 
     def request(self, method: str, path: str, **options: Any) -> httpx.Response:
         """One request and its answer, with the content decoded by its Content-Encoding."""

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI
-from fastapi.middleware.cors import CORSMiddleware
+from starlette.middleware.cors import CORSMiddleware
+from starlette.middleware.errors import ServerErrorMiddleware
+from starlette.types import ASGIApp
 
+from octobrick.server.access_log import AccessLog
 from octobrick.server.brick_lane import BrickLane
 from octobrick.server.error_replies import handle_errors
 from octobrick.server.front_door import FrontDoor
+from octobrick.server.gate import Gate
 from octobrick.server.routes import (
     batch,
     bricks,
@@ -24,6 +28,7 @@ from octobrick.server.routes import (
     tables,
     volumes,
 )
+from octobrick.server.security_headers import security_headers
 from octobrick.server.services import Services
 from octobrick.server.settings import Settings
 
@@ -41,10 +46,12 @@ _EXPOSED_HEADERS = [
     "ETag",
     "Retry-After",
     "Server-Timing",
+    "X-Request-Id",
     "X-Octobrick-Codec",
     "X-Octobrick-Dtype",
     "X-Octobrick-Level",
     "X-Octobrick-Converged",
+    "X-Octobrick-Error",
     "X-Octobrick-Max-Error",
     "X-Octobrick-Range",
     "X-Octobrick-Revision",
@@ -73,7 +80,8 @@ def create_app(
         finally:
             services.close()
 
-    app = FastAPI(
+    app = _App(
+        services,
         title="octobrick",
         description=_DESCRIPTION,
         version=_version(),
@@ -86,18 +94,41 @@ def create_app(
     handle_errors(app)
     for routes in (health, volumes, tables, bricks, batch, select, render, interop, docs):
         app.include_router(routes.router)
-    # The last one added is the first one passed.
-    app.add_middleware(BrickLane, services=services)
-    app.add_middleware(FrontDoor, max_body_nbytes=settings.max_body_nbytes)
-    if settings.cors_origins:
-        app.add_middleware(
-            CORSMiddleware,
-            allow_origins=settings.cors_origins,
-            allow_methods=["GET", "HEAD", "POST"],
-            allow_headers=["Content-Type", "If-None-Match", "Range"],
-            expose_headers=_EXPOSED_HEADERS,
-        )
     return app
+
+
+class _App(FastAPI):
+    """FastAPI behind what every request passes: its own layers cost as much as a brick does."""
+
+    def __init__(self, services: Services, **options: Any) -> None:
+        super().__init__(**options)
+        self._services = services
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """All layers, made from the inmost to the outmost."""
+        services, settings = self._services, self._services.settings
+        framework = super().build_middleware_stack()
+        # Starlette's own answer to unexpected errors is text; the front door has ours.
+        assert isinstance(framework, ServerErrorMiddleware)
+        app: ASGIApp = BrickLane(framework.app, services)
+        app = Gate(app, settings, lambda: services.guard)
+        if settings.cors_origins:
+            # Before the gate: a preflight has no token, and pages must be able to read refusals.
+            app = CORSMiddleware(
+                app,
+                allow_origins=settings.cors_origins,
+                allow_methods=["GET", "HEAD", "POST"],
+                allow_headers=[
+                    "Authorization",
+                    "Content-Type",
+                    "If-None-Match",
+                    "Range",
+                    "X-Request-Id",
+                ],
+                expose_headers=_EXPOSED_HEADERS,
+            )
+        headers = security_headers(other_origins=bool(settings.cors_origins))
+        return FrontDoor(app, services.metrics, AccessLog(settings.access_log), headers)
 
 
 def _default_renderer(settings: Settings) -> Callable[[], Renderer]:

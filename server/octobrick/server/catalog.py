@@ -175,6 +175,12 @@ class Catalog:
             return None
         return result if lent.is_current() else None
 
+    def stats(self) -> dict[str, float]:
+        """Numbers for metrics: volumes that the last scan found, and those that are open."""
+        with self._lock:
+            entries = list(self._entries.values())
+        return {"volumes": len(entries), "open_volumes": sum(e.open is not None for e in entries)}
+
     def close(self) -> None:
         """Close all volumes, those in use when their borrowers return them."""
         with self._lock:

@@ -8,6 +8,7 @@ every error too, goes on to the application, whose answers are the same.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from http import HTTPStatus
 from typing import Any, NamedTuple
@@ -22,11 +23,18 @@ from octobrick.server.brick_reply import Content
 from octobrick.server.services import Services
 
 Admit = Callable[[Scope], bytes | None]
-Note = Callable[[Scope, int, int], None]
+Note = Callable[[Scope, int, int, float], None]
 
 # A request with one of these has a body, wants another protocol, or an answer with more headers.
 _NEEDS_THE_APPLICATION = frozenset(
-    (b"content-length", b"transfer-encoding", b"expect", b"upgrade", b"origin")
+    (
+        b"content-length",
+        b"transfer-encoding",
+        b"expect",
+        b"upgrade",
+        b"origin",
+        b"x-request-id",
+    )
 )
 _STATUS_LINES = {
     status: f"HTTP/1.1 {status} {HTTPStatus(status).phrase}\r\n".encode()
@@ -48,7 +56,7 @@ class DirectLane:
         services: open before the first request comes.
         admit: what stands before the application, for a request that it would let pass: the
             lines of headers that it adds to the answer; None where the application has to see it.
-        note: told of each answer: request, status, bytes of body.
+        note: told of each answer: request, status, bytes of body, seconds.
     """
 
     def __init__(self, services: Services, admit: Admit, note: Note | None = None) -> None:
@@ -58,6 +66,7 @@ class DirectLane:
 
     def answer(self, scope: Scope) -> DirectAnswer | None:
         """The answer to a request; None where the application has to give it. Never waits."""
+        started = time.perf_counter()
         method = scope["method"]
         if method not in ("GET", "HEAD") or b"%" in scope["raw_path"]:
             return None
@@ -78,17 +87,25 @@ class DirectLane:
             return None
         body = b"" if method == "HEAD" else reply.body
         if self._note is not None:
-            self._note(scope, reply.status, len(body))
+            self._note(scope, reply.status, len(body), time.perf_counter() - started)
         return DirectAnswer(_STATUS_LINES[reply.status] + reply.lines + added, body)
 
 
-def direct_protocol(lane: DirectLane) -> type[HttpToolsProtocol]:
-    """Uvicorn's HTTP protocol with a direct lane, for the ``http`` of ``uvicorn.Config``."""
+def direct_protocol(
+    lane: DirectLane, base: type[HttpToolsProtocol] = HttpToolsProtocol
+) -> type[HttpToolsProtocol]:
+    """Uvicorn's HTTP protocol with a direct lane, for the ``http`` of ``uvicorn.Config``.
 
-    class DirectProtocol(HttpToolsProtocol):
+    Args:
+        lane: asked first.
+        base: uvicorn's protocol, or one that adds to it.
+    """
+
+    class DirectProtocol(base):  # type: ignore[misc, valid-type]  # a class that is a value
         def _start_asgi_task(self, cycle: Any, app: Any) -> None:
             # Not where the client is slow to take what it has, the server is full, or logs.
-            is_plain = app is self.app and not (self.flow.write_paused or self.access_log)
+            is_open = app is self.config.loaded_app
+            is_plain = is_open and not (self.flow.write_paused or self.access_log)
             answer = lane.answer(cycle.scope) if is_plain else None
             if answer is None:
                 super()._start_asgi_task(cycle, app)

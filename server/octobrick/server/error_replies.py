@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from http import HTTPStatus
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -21,6 +22,9 @@ from octobrick.server.errors import (
 
 logger = logging.getLogger(__name__)
 
+# Also for answers to HEAD, which have no body that could tell the kind.
+ERROR_KIND_HEADER = b"x-octobrick-error"
+
 
 def error_reply(error: OctobrickError, headers: dict[str, str] | None = None) -> JSONResponse:
     """The HTTP answer to an error; what is the server's own fault is also logged in full."""
@@ -29,7 +33,13 @@ def error_reply(error: OctobrickError, headers: dict[str, str] | None = None) ->
         # What passes by itself, such as a full queue, is no reason to wake anybody.
         level = logging.ERROR if answer.retry_after_seconds is None else logging.WARNING
         logger.log(level, "%s: %s", error.kind, error.message)
-    headers = {"cache-control": "no-store", **(headers or {})}
+    headers = {
+        "cache-control": "no-store",
+        ERROR_KIND_HEADER.decode(): error.kind,
+        **(headers or {}),
+    }
+    if answer.status == HTTPStatus.UNAUTHORIZED:
+        headers["www-authenticate"] = 'Bearer realm="octobrick"'
     if answer.retry_after_seconds is not None:
         headers["retry-after"] = str(answer.retry_after_seconds)
     return JSONResponse(public_view(error), answer.status, headers)

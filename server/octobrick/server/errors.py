@@ -53,6 +53,36 @@ class LimitError(InvalidInputError):
     kind = "too-large"
 
 
+class AddressTooLongError(LimitError):
+    """The path and query of the request are longer than this server accepts."""
+
+    kind = "address-too-long"
+
+
+class HeadersTooLongError(LimitError):
+    """The headers of the request are more, or longer, than this server accepts."""
+
+    kind = "headers-too-long"
+
+
+class UnauthorizedError(InvalidInputError):
+    """The request has no token, or one that is not known or has expired."""
+
+    kind = "unauthorized"
+
+
+class ForbiddenError(InvalidInputError):
+    """The caller is known, but this is not for them; or a signed address is not good (any more)."""
+
+    kind = "forbidden"
+
+
+class NotReadyError(ResourceError):
+    """The server cannot serve now: it is starting, stopping, or its volumes cannot be listed."""
+
+    kind = "not-ready"
+
+
 class BusyError(ResourceError):
     """All places in the queue are taken: try again later."""
 
@@ -92,6 +122,10 @@ ANSWERS: dict[type[OctobrickError], HttpAnswer] = {
     InvalidInputError: HttpAnswer(422, "The request cannot be used as it is."),
     MethodNotAllowedError: HttpAnswer(405, "The route does not take this method."),
     LimitError: HttpAnswer(413, "The request is over a limit of this server."),
+    AddressTooLongError: HttpAnswer(414, "The address is longer than this server accepts."),
+    HeadersTooLongError: HttpAnswer(431, "The headers are longer than this server accepts."),
+    UnauthorizedError: HttpAnswer(401, "This server wants a token."),
+    ForbiddenError: HttpAnswer(403, "The caller may not see this."),
     NotFoundError: HttpAnswer(404, "There is nothing of that name here."),
     RevisionGoneError: HttpAnswer(410, "This revision of the volume is no longer here."),
     UnsupportedError: HttpAnswer(501, "The request is sound, but this version cannot do it."),
@@ -103,6 +137,7 @@ ANSWERS: dict[type[OctobrickError], HttpAnswer] = {
         503, "The server lacks something that it needs for this; its log says what.", 30
     ),
     PictureTooLargeError: HttpAnswer(413, "The picture does not fit the renderer's memory."),
+    NotReadyError: HttpAnswer(503, "The server cannot serve now.", 5),
     BusyError: HttpAnswer(503, "The server is busy.", 2),
     RenderTimeoutError: HttpAnswer(503, "The picture was not ready in time.", 5),
 }

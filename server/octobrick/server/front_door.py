@@ -1,101 +1,130 @@
-"""What every request passes before any route: plain ASGI, so that it costs microseconds."""
+"""The first and last that a request meets: its id, its log line, its counts, its safe headers.
+
+Plain ASGI, and one layer for all of these, so that they cost microseconds together.
+"""
 
 from __future__ import annotations
 
-import re
-from collections import deque
+import time
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from octobrick.codec.errors import InvalidInputError, OctobrickError
-from octobrick.server.error_replies import error_reply, internal_error_reply
-from octobrick.server.errors import LimitError
-
-# Octets that some layer could take for a separator or an end once they are decoded: / \ % NUL.
-_ENCODED_SEPARATOR = re.compile(rb"%(2f|5c|25|00)|\\", re.IGNORECASE)
-
-ADDED_HEADERS = [(b"x-content-type-options", b"nosniff")]  # to every answer
+from octobrick.server.access_log import AccessLog, Passed
+from octobrick.server.error_replies import ERROR_KIND_HEADER, internal_error_reply
+from octobrick.server.gate import ClientGoneError
+from octobrick.server.metrics import Metrics
+from octobrick.server.request_id import RequestIds, current_request_id
+from octobrick.server.route_label import method_label, route_label
+from octobrick.server.security_headers import RawHeaders, default_policy
 
 
 class FrontDoor:
-    """Refuses odd paths and long bodies, adds the security header, answers unexpected errors.
+    """Names, counts and logs each request, and answers errors that nobody foresaw.
 
     Args:
         app: what comes behind.
-        max_body_nbytes: longer request bodies are refused, announced or not.
+        metrics: where requests are counted.
+        access_log: where they are written down.
+        headers: what every answer has.
     """
 
-    def __init__(self, app: ASGIApp, max_body_nbytes: int) -> None:
-        self._app = app
-        self._max_body_nbytes = max_body_nbytes
+    def __init__(
+        self, app: ASGIApp, metrics: Metrics, access_log: AccessLog, headers: RawHeaders
+    ) -> None:
+        self.app = app
+        self.metrics = metrics
+        self.access_log = access_log
+        self.headers = headers
+        self._ids = RequestIds()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one ASGI scope."""
         if scope["type"] != "http":
-            await self._app(scope, receive, send)
+            await self.app(scope, receive, send)
             return
-        started = False
-
-        async def send_with_header(message: Message) -> None:
-            nonlocal started
-            if message["type"] == "http.response.start":
-                started = True
-                message["headers"] = [*message.get("headers", ()), *ADDED_HEADERS]
-            await send(message)
-
+        sent = None
+        for name, value in scope["headers"]:
+            if name == b"x-request-id":
+                sent = value
+                break
+        request_id = self._ids.choose(sent)
+        current_request_id.set(request_id)  # of this request's task, and gone with it
+        passage = _Passage(self, scope, send, request_id)
         try:
-            _require_plain_path(scope)
-            receive = await self._body_within_limit(scope, receive)
-            await self._app(scope, receive, send_with_header)
+            await self.app(scope, receive, passage.send)
+        except ClientGoneError:
+            pass  # counted and logged as answered with nothing
         except Exception as error:
-            if started:  # too late for another answer: the server cuts the connection
+            if passage.status:  # too late for another answer: the server cuts the connection
                 raise
-            if isinstance(error, OctobrickError):
-                reply = error_reply(error)
-            else:
-                reply = internal_error_reply(error)
-            await reply(scope, receive, send_with_header)
-
-    async def _body_within_limit(self, scope: Scope, receive: Receive) -> Receive:
-        """Take in the whole body, which is short or refused; returns where to read it from."""
-        announced = _header(scope, b"content-length")
-        if announced is None and _header(scope, b"transfer-encoding") is None:
-            return receive
-        if announced is not None and (not announced.isdigit() or len(announced) > 18):
-            raise InvalidInputError("The Content-Length header is not a whole number")
-        self._require_length(int(announced or 0))
-        messages: deque[Message] = deque()
-        nbytes, more = 0, True
-        while more:
-            message = await receive()
-            messages.append(message)
-            nbytes += len(message.get("body", b""))
-            self._require_length(nbytes)
-            more = message["type"] == "http.request" and message.get("more_body", False)
-
-        async def replay() -> Message:
-            return messages.popleft() if messages else await receive()
-
-        return replay
-
-    def _require_length(self, nbytes: int) -> None:
-        if nbytes > self._max_body_nbytes:
-            raise LimitError(
-                f"The request body has {nbytes} bytes or more; this server accepts "
-                f"{self._max_body_nbytes}",
-                limit_name="max_body_nbytes",
-                limit=self._max_body_nbytes,
-                value=nbytes,
-            )
+            await internal_error_reply(error)(scope, receive, passage.send)
+        finally:
+            passage.finish()
 
 
-def _require_plain_path(scope: Scope) -> None:
-    raw_path = scope.get("raw_path") or b""
-    if _ENCODED_SEPARATOR.search(raw_path):
-        raise InvalidInputError(
-            "The path holds an encoded slash, backslash, percent sign or NUL; no address here does"
-        )
+class _Passage:
+    """One request on its way: what is known of its answer so far."""
+
+    __slots__ = (
+        "_door", "_error_kind", "_id", "_nbytes", "_raw_path", "_scope", "_send", "_started",
+        "_timing", "_whole", "status",
+    )  # fmt: skip
+
+    def __init__(self, door: FrontDoor, scope: Scope, send: Send, request_id: str) -> None:
+        self._started = time.perf_counter()
+        self._door = door
+        self._scope = scope
+        self._send = send
+        self._id = request_id.encode()
+        self._raw_path: bytes = scope.get("raw_path") or b""  # with a signed prefix, if any
+        self._nbytes = 0
+        self._whole = False
+        self._error_kind = self._timing = b""
+        self.status = 0
+
+    async def send(self, message: Message) -> None:
+        """Pass a message of the answer on."""
+        if message["type"] == "http.response.body":
+            self._nbytes += len(message.get("body", b""))
+            await self._send(message)
+            self._whole = not message.get("more_body", False)
+            return
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+            headers = list(message.get("headers", ()))
+            for name, value in headers:
+                if name == ERROR_KIND_HEADER:
+                    self._error_kind = value
+                elif name == b"server-timing":
+                    self._timing = value
+            headers += default_policy(headers)
+            headers += self._door.headers
+            headers.append((b"x-request-id", self._id))
+            message["headers"] = headers
+        await self._send(message)
+
+    def finish(self) -> None:
+        """Count the request, and write its line if it gets one."""
+        seconds = time.perf_counter() - self._started
+        scope, door = self._scope, self._door
+        route, method = route_label(scope["path"]), method_label(scope)
+        kind = self._error_kind.decode("ascii")
+        door.metrics.count_request(route, method, self.status, self._nbytes, seconds)
+        if kind:
+            door.metrics.count_error(kind)
+        if self._timing:
+            door.metrics.count_stages(self._timing.decode("latin-1"))
+        cut = bool(self.status) and not self._whole
+        if door.access_log.wants(route, self.status, cut):
+            client = scope.get("state", {}).get("client") or _peer(scope)
+            door.access_log.write(
+                Passed(
+                    client, method, self._raw_path, route,
+                    self.status, self._nbytes, seconds, kind, cut,
+                )
+            )  # fmt: skip
 
 
-def _header(scope: Scope, name: bytes) -> bytes | None:
-    return next((value for key, value in scope["headers"] if key == name), None)
+def _peer(scope: Scope) -> str:
+    peer = scope.get("client")
+    return peer[0] if peer else "unknown"

@@ -11,10 +11,15 @@ from fastapi import Depends, Request
 from octobrick.server.brick_reply import BrickReplies
 from octobrick.server.catalog import Catalog
 from octobrick.server.decoded_cache import DecodedCache
+from octobrick.server.guard import Access, Guard, guard_of
 from octobrick.server.interop.interop_reply import ChunkCache
+from octobrick.server.metrics import Counts, Metrics
+from octobrick.server.metrics_folder import MetricsFolder
+from octobrick.server.metrics_text import process_stats
 from octobrick.server.render_thread import RenderThread
 from octobrick.server.settings import Settings
 from octobrick.server.tables import TableCache
+from octobrick.server.warm_start import WarmStart
 
 if TYPE_CHECKING:
     from octobrick.renderer import Renderer
@@ -35,17 +40,24 @@ class Services:
     chunks: ChunkCache
     readers: ThreadPoolExecutor
     renders: RenderThread[Renderer]
+    guard: Guard | None = None
+    metrics_folder: MetricsFolder | None = None  # where there are several processes
+    draining = False
 
     def __init__(self, settings: Settings, make_renderer: Callable[[], Renderer]) -> None:
         self.settings = settings
+        self.metrics = Metrics()
         self._make_renderer = make_renderer
+        self._warm_start: WarmStart | None = None
 
     def open(self) -> None:
         """Look for volumes and start the threads.
 
         Raises:
-            ResourceError: the folder of volumes cannot be read.
+            ResourceError: the folder of volumes, or a file of tokens or keys, cannot be read.
+            InvalidInputError: a file of tokens or keys is not sound.
         """
+        self.guard = guard_of(self.settings)
         self.catalog = Catalog(self.settings.data_dir)
         self.catalog.scan()
         self.tables = TableCache(self.settings.table_cache_nbytes)
@@ -55,12 +67,29 @@ class Services:
         self.readers = ThreadPoolExecutor(self.settings.read_threads, "octobrick-read")
         self.renders = RenderThread(self._make_renderer, self.settings.render_queue_length)
         self.renders.start()
+        self._wire_metrics()
+        if self.settings.warm_start:
+            self._warm_start = WarmStart(self.catalog)
+            self._warm_start.start()
 
     def close(self) -> None:
         """Stop the threads and close the volumes."""
+        self.draining = True
+        if self._warm_start is not None:
+            self._warm_start.stop()
         self.renders.close(self.settings.shutdown_seconds)
         self.readers.shutdown()
         self.catalog.close()
+
+    def all_counts(self) -> Counts:
+        """What this process counted and has, and the others of this server, if any."""
+        counts = self.metrics.counts()
+        return counts if self.metrics_folder is None else self.metrics_folder.with_others(counts)
+
+    def _wire_metrics(self) -> None:
+        """Each part tells its own numbers; docs/operations.md lists them."""
+        self.metrics.wire("process", process_stats)
+        self.metrics.wire("catalog", self.catalog.stats)
 
 
 def _services_of(request: Request) -> Services:
@@ -69,3 +98,12 @@ def _services_of(request: Request) -> Services:
 
 
 ServicesDep = Annotated[Services, Depends(_services_of)]
+
+
+def _access_of(request: Request) -> Access | None:
+    access: Access | None = getattr(request.state, "access", None)
+    return access
+
+
+# What the caller may see; None on a server where everybody may see everything.
+AccessDep = Annotated[Access | None, Depends(_access_of)]

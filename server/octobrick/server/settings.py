@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
@@ -27,6 +27,18 @@ class Settings(BaseSettings):
 
     # Processes
 
+    workers: int = Field(
+        default=1, ge=1, le=256, description="Server processes that share the socket."
+    )
+    warm_start: bool = Field(
+        default=True,
+        description="Open volumes and read their tables in the background once started.",
+    )
+    drain_seconds: float = Field(
+        default=0.0,
+        ge=0,
+        description="How long a stopping server, no longer ready, still takes new connections.",
+    )
     shutdown_seconds: int = Field(
         default=10, ge=0, description="How long a stopping server waits for requests under way."
     )
@@ -37,11 +49,54 @@ class Settings(BaseSettings):
         default=(),
         description="Web origins whose pages may read answers, as a JSON list; `*` for all.",
     )
+    tokens_file: Path | None = Field(
+        default=None,
+        description="JSON file of tokens, of which every request then needs one (security.md).",
+    )
+    signing_key_file: Path | None = Field(
+        default=None,
+        description="File of the keys of signed addresses, one a line, the first one signs.",
+    )
+    signing_key: SecretStr | None = Field(
+        default=None, description="The key of signed addresses itself, instead of a file."
+    )
+    trusted_proxies: tuple[str, ...] = Field(
+        default=(),
+        description="Addresses or networks whose `X-Forwarded-For` and `-Proto` are believed.",
+    )
+    metrics: Literal["loopback", "all", "off"] = Field(
+        default="loopback",
+        description="Who may read `/metrics` without `metrics_token`; `loopback` is this machine.",
+    )
+    metrics_token: SecretStr | None = Field(
+        default=None, description="Token that lets anybody read `/metrics`."
+    )
 
     # Requests
 
     max_body_nbytes: int = Field(
         default=262_144, ge=0, description="Longest request body accepted."
+    )
+    max_target_nbytes: int = Field(
+        default=8_192, ge=256, description="Longest path and query accepted."
+    )
+    max_header_nbytes: int = Field(
+        default=32_768, ge=1_024, description="Most bytes of a request before its body."
+    )
+    max_header_count: int = Field(default=100, ge=8, description="Most headers of a request.")
+    max_connections: int = Field(
+        default=2_048, ge=1, description="Connections of a process; more are answered 503."
+    )
+    receive_seconds: int = Field(
+        default=30, ge=1, description="Longest time that sending a whole request may take."
+    )
+    stall_seconds: int = Field(
+        default=120,
+        ge=1,
+        description="A client that takes nothing of its answer for so long is cut off.",
+    )
+    keep_alive_seconds: int = Field(
+        default=75, ge=1, description="How long an idle connection stays open."
     )
 
     # Bricks
@@ -99,6 +154,12 @@ class Settings(BaseSettings):
     # Logs and measurements
 
     log_level: Literal["debug", "info", "warning", "error"] = Field(
-        default="info",
-        description="Least severe message that is logged; `debug` adds an access log.",
+        default="info", description="Least severe message that is logged."
+    )
+    log_format: Literal["text", "json"] = Field(
+        default="text", description="Lines for people, or one JSON object a line."
+    )
+    access_log: Literal["none", "errors", "routes", "all"] = Field(
+        default="routes",
+        description="Requests that get a line; `routes` leaves out good bricks and probes.",
     )

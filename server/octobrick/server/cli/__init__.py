@@ -17,7 +17,9 @@ from octobrick.server.cli.ingest import ingest
 from octobrick.server.cli.movie import movie
 from octobrick.server.cli.render import render
 from octobrick.server.cli.serve import serve
+from octobrick.server.cli.sign import sign
 from octobrick.server.cli.synth import synth
+from octobrick.server.cli.token import token
 from octobrick.server.cli.verify import verify
 
 __all__ = ["main"]
@@ -52,5 +54,5 @@ def main(debug: bool) -> None:
     """Volumes too big for memory: compress, look at and serve them."""
 
 
-for _command in (ingest, info, render, movie, serve, export, synth, verify):
+for _command in (ingest, info, render, movie, serve, export, synth, verify, token, sign):
     main.add_command(_command)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import signal
-import socket
+import contextlib
+import resource
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from octobrick.codec.errors import InvalidInputError, ResourceError
+from octobrick.server.cli.failure import EXIT_FAILED
 
 if TYPE_CHECKING:
+    from pydantic import ValidationError
+
     from octobrick.server.settings import Settings
 
 _LOG_LEVELS = ["debug", "info", "warning", "error"]
+_SECRETS = frozenset({"signing_key", "metrics_token"})  # never in a message
 
 
 @click.command()
@@ -23,6 +28,7 @@ _LOG_LEVELS = ["debug", "info", "warning", "error"]
 )
 @click.option("--host", help="Address to listen on.  [default: 127.0.0.1]")
 @click.option("--port", type=int, help="TCP port; 0 takes a free one.  [default: 8000]")
+@click.option("--workers", type=int, help="Processes that share the port.  [default: 1]")
 @click.option("--log-level", type=click.Choice(_LOG_LEVELS), help="[default: info]")
 def serve(data_dir: Path, **given: Any) -> None:
     """Serve the volumes DIR/*.zarr over HTTP until SIGTERM or Ctrl-C.
@@ -49,77 +55,61 @@ def _settings(data_dir: Path, given: dict[str, Any]) -> Settings:
     try:
         return Settings(data_dir=data_dir, **given)
     except ValidationError as error:
-        first = error.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
-        raise InvalidInputError(
-            f"setting {name}: {first['msg']}, not {first['input']!r}", setting=name
-        ) from error
+        raise _wrong_setting(error) from error
+
+
+def _wrong_setting(error: ValidationError) -> InvalidInputError:
+    first = error.errors()[0]
+    name = ".".join(str(part) for part in first["loc"])
+    value = "" if name in _SECRETS else f", not {first['input']!r}"
+    return InvalidInputError(f"setting {name}: {first['msg']}{value}", setting=name)
 
 
 def _serve(settings: Settings) -> None:
     try:
-        import uvicorn
-
-        from octobrick.server.app import create_app
-        from octobrick.server.brick_headers import header_lines
-        from octobrick.server.direct_lane import DirectLane, direct_protocol
-        from octobrick.server.front_door import ADDED_HEADERS
+        from octobrick.server.guard import guard_of
+        from octobrick.server.log_format import log_config
+        from octobrick.server.server_process import ServerProcess, listen
+        from octobrick.server.supervisor import Supervisor
     except ImportError as error:
         raise _missing_extra(error) from error
-    listener = _listen(settings.host, settings.port)
+    guard_of(settings)  # what is wrong with its files is told here, in one line
+    _allow_descriptors()
+    try:
+        listener = listen(settings)
+    except OSError as error:
+        raise ResourceError(
+            f"cannot listen on {settings.host} port {settings.port}: {error.strerror or error}; "
+            "choose another address with --host and --port",
+            host=settings.host,
+            port=settings.port,
+        ) from error
     host, port = listener.getsockname()[:2]
     address = f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
-    class Server(uvicorn.Server):
-        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-            await super().startup(sockets)
-            click.echo(f"octobrick serves {settings.data_dir} at {address}")
+    def announce() -> None:
+        click.echo(f"octobrick serves {settings.data_dir} at {address}")
 
-    app = create_app(settings)
-    added = header_lines(ADDED_HEADERS)
-    lane = DirectLane(app.state.services, admit=lambda _: added)
-    config = uvicorn.Config(
-        app,
-        access_log=settings.log_level == "debug",
-        http=direct_protocol(lane),
-        lifespan="on",
-        log_config=_log_config(settings.log_level),
-        loop="uvloop",
-        server_header=False,
-        timeout_graceful_shutdown=settings.shutdown_seconds,
-        ws="none",
-    )
-    # uvicorn hands a signal on once it has stopped; the default action would be to die of it.
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: None)
     with listener:
-        Server(config).run(sockets=[listener])
+        if settings.workers > 1:
+            import logging.config
+
+            logging.config.dictConfig(log_config(settings.log_level, settings.log_format))
+            status = Supervisor(settings, listener, announce).run()
+        else:
+            server = ServerProcess(settings, announce)
+            server.run(sockets=[listener])
+            status = 0 if server.started else EXIT_FAILED
+    if status:
+        sys.exit(status)
 
 
-def _listen(host: str, port: int) -> socket.socket:
-    """A listening socket, made before anything else, so that its port is known and is ours."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    try:
-        return socket.create_server((host, port), family=family, backlog=2048)
-    except OSError as error:
-        raise ResourceError(
-            f"cannot listen on {host} port {port}: {error.strerror or error}; choose another "
-            "address with --host and --port",
-            host=host,
-            port=port,
-        ) from error
-
-
-def _log_config(level: str) -> dict[str, Any]:
-    """Everything to stderr; stdout has the address and nothing else."""
-    return {
-        "version": 1,
-        "disable_existing_loggers": False,
-        "formatters": {"line": {"format": "%(asctime)s %(levelname)s %(name)s: %(message)s"}},
-        "handlers": {"stderr": {"class": "logging.StreamHandler", "formatter": "line"}},
-        "root": {"level": "WARNING", "handlers": ["stderr"]},
-        "loggers": {name: {"level": level.upper()} for name in ("octobrick", "uvicorn")},
-    }
+def _allow_descriptors() -> None:
+    """Take as many descriptors as the system lets: connections and shards need one each."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft < hard:
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def _missing_extra(error: ImportError) -> ResourceError:
