@@ -56,7 +56,7 @@ def caching(upstream_port: int, folder: Path) -> Iterator[int]:
         ("server octobrick:8000;", f"server 127.0.0.1:{upstream_port};"),
         ("listen 8080;", f"listen 127.0.0.1:{port};"),
         ("/var/cache/nginx", str(folder / "cache")),
-        ("/tmp/nginx", str(folder / "nginx")),  # noqa: S108
+        ("/tmp/nginx", str(folder / "nginx")),
     ):
         assert old in text, old
         text = text.replace(old, new)
@@ -144,7 +144,13 @@ BRICK = "/v1/volumes/head/abc123/bricks/0/0/0/0/0/0"
 
 
 def test_a_brick_is_fetched_once_for_each_of_two_kinds_of_client(stub: Stub, cache: int) -> None:
-    for spelling in ("zstd", "gzip, zstd", "gzip, deflate, br, zstd", "zstd;q=0.5", "br,zstd;q=1.0"):
+    for spelling in (
+        "zstd",
+        "gzip, zstd",
+        "gzip, deflate, br, zstd",
+        "zstd;q=0.5",
+        "br,zstd;q=1.0",
+    ):
         assert ask(cache, BRICK, accept_encoding=spelling).body == b"answer 1", spelling
     for spelling in ("", "gzip", "zstd;q=0", "zstd; q=0.0", "xzstd", "zstdx", "identity"):
         assert ask(cache, BRICK, accept_encoding=spelling).body == b"answer 2", spelling
