@@ -1,4 +1,4 @@
-"""What measurements of the service share: a server of our own, requests, streams of bricks, checks."""
+"""What measurements of the service share: requests, streams of bricks, checks of both."""
 
 from __future__ import annotations
 

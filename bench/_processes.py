@@ -29,7 +29,7 @@ def command_of(pid: int) -> str:
 
 
 def resident_nbytes(pid: int) -> int:
-    """Private and shared anonymous memory: pages of files, which anybody can take back, left out."""
+    """Anonymous memory, private and shared; pages of files can be taken back and do not count."""
     nbytes = 0
     try:
         for line in Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines():

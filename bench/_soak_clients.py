@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 V1 = "/v1/volumes"
 BRICK_ROUTE = V1 + "/{volume_id}/{revision}/bricks/{level}/{t}/{c}/{z}/{y}/{x}"
-# What a client may be told while volumes are replaced, damaged and workers die; never anything else.
+# What a client may be told while volumes are replaced and damaged and workers die: all else is
 EXPECTED = {"corrupt-brick", "corrupt-volume", "revision-gone", "busy", "render-timeout"}
 EXPECTED |= {"volume-not-found", "render-crashed", "incomplete-volume"}
 BATCH_BRICKS = 24
@@ -65,7 +65,7 @@ def address(volume_id: str, revision: str, place: Place) -> str:
     return f"{V1}/{volume_id}/{revision}/bricks/" + "/".join(map(str, place))
 
 
-def ask_metadata(soak: Soak, client: Client, volume_id: str, chance: np.random.Generator) -> None:
+def ask_metadata(soak: Soak, client: Client, volume_id: str, _chance: np.random.Generator) -> None:
     """The list, and one volume of it."""
     assert client.ask("GET", V1).status == 200
     if (found := detail(soak, client, volume_id)) is not None:
@@ -167,7 +167,7 @@ def ask_render(soak: Soak, client: Client, volume_id: str, chance: np.random.Gen
     soak.count("render")
 
 
-def ask_zarr(soak: Soak, client: Client, volume_id: str, chance: np.random.Generator) -> None:
+def ask_zarr(soak: Soak, client: Client, volume_id: str, _chance: np.random.Generator) -> None:
     """The metadata that a Zarr reader begins with."""
     reply = client.ask("GET", f"/zarr/{volume_id}/zarr.json")
     if reply.status != 200:
@@ -178,7 +178,7 @@ def ask_zarr(soak: Soak, client: Client, volume_id: str, chance: np.random.Gener
 
 
 def ask_precomputed(
-    soak: Soak, client: Client, volume_id: str, chance: np.random.Generator
+    soak: Soak, client: Client, volume_id: str, _chance: np.random.Generator
 ) -> None:
     """The metadata that Neuroglancer begins with."""
     reply = client.ask("GET", f"/precomputed/{volume_id}/info")

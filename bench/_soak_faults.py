@@ -47,7 +47,7 @@ def cut_shard(soak: Soak) -> bool:
 
 
 def _ask_until_damage_shows(soak: Soak) -> None:
-    """Ask for each brick of level 0 once: one at least must be said to be damaged, none be wrong."""
+    """Ask for each brick of level 0: those that are gone must be said to be damaged."""
     client = soak.client()
     revision = client.ask("GET", f"{V1}/damaged").json()["revision"]
     volume = soak.truth.volume(revision)

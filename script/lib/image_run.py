@@ -14,7 +14,7 @@ from containerfile import Instruction
 START_LIMIT_SECONDS = 60.0
 STOP_LIMIT_SECONDS = 30.0
 
-# What is asked from inside, where the service is: health is the image's own check, this is the rest.
+# Asked from inside, where the service is; whether it is healthy the image's own check says.
 QUESTIONS = """
 import io, json, os
 from urllib.request import urlopen

@@ -20,9 +20,11 @@ CONTAINERFILE = ROOT / "deploy" / "Containerfile"
 SUITES = {"12": "bookworm", "13": "trixie"}
 
 # How this machine reaches its registries; a container engine gives its builds the same.
-OF_THE_MACHINE = ("/etc/apt/sources.list", "/etc/apt/sources.list.d", "/etc/apt/auth.conf.d")
-OF_THE_MACHINE += ("/etc/apt/apt.conf.d", "/etc/pip.conf", "/etc/resolv.conf", "/etc/hosts")
-OF_THE_MACHINE += ("/etc/ssl/certs", "/usr/local/share/ca-certificates")
+OF_THE_MACHINE = (
+    *("/etc/apt/sources.list", "/etc/apt/sources.list.d", "/etc/apt/auth.conf.d"),
+    *("/etc/apt/apt.conf.d", "/etc/pip.conf", "/etc/resolv.conf", "/etc/hosts"),
+    *("/etc/ssl/certs", "/usr/local/share/ca-certificates"),
+)
 PASSED = ("PIP_", "SSL_CERT", "REQUESTS_CA", "CURL_CA", "http", "HTTP", "no_proxy", "NO_PROXY")
 
 

@@ -1,4 +1,4 @@
-"""deploy/nginx/nginx.conf, run: what the cache in front keeps, what it must not, what passes at once."""
+"""deploy/nginx/nginx.conf, run: what the cache keeps, what it must not, what passes at once."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class StubHandler(BaseHTTPRequestHandler):
         self.server.go_on.wait(WAIT_SECONDS)
         self.wfile.write(b"second")
 
-    def log_message(self, format: str, *args: object) -> None:
+    def log_message(self, *_: object) -> None:
         pass
 
 

@@ -79,7 +79,7 @@ JSON = {
     "wide window": b'{"window": [' + b"0," * 30_000 + b"0]}",
     "wrong kinds": b'{"revision": [], "bricks": {"0": 0}, "budget_nbytes": {}, "kind": 7}',
     "bricks that are none": b'{"revision": "a", "bricks": [[0], [], null, [1e300, 0, 0, 0, 0, 0]]}',
-    "transfer function": b'{"transfer_function": {"points": [[NaN, 1e999, -1, 0, 0]], "a": "\\ud800"}}',
+    "transfer function": b'{"transfer_function": {"points": [[NaN, 1e999, -1]], "a": "\\ud800"}}',
 }
 
 
@@ -106,13 +106,10 @@ def test_of_a_key_that_comes_twice_one_counts_and_no_limit_is_passed(target: Any
 @pytest.mark.parametrize(
     "content_type",
     [
-        "",
-        "text/plain",
-        "application/xml",
-        "multipart/form-data; boundary=x",
-        "application/json; q" * 50,
-    ]
-    + ["application/x-www-form-urlencoded", "application/json;charset=utf-7", "*/*"],
+        *("", "text/plain", "application/xml", "application/json; q" * 50, "*/*"),
+        *("multipart/form-data; boundary=x", "application/x-www-form-urlencoded"),
+        "application/json;charset=utf-7",
+    ],
 )
 def test_other_kinds_of_body_are_refused(target: Any, posts: list[str], content_type: str) -> None:
     body = b'--x\r\nContent-Disposition: form-data; name="width"\r\n\r\n8\r\n--x--\r\n'
