@@ -1,19 +1,22 @@
-"""Two network namespaces with a slow link between them, gone when the block ends."""
+"""Two network namespaces with a slow link between them, gone when the block ends.
+
+The link is a program, `_link_forwarder.py`: kernels without netem cannot delay packets themselves.
+"""
 
 from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 from types import TracebackType
 
-# What a router keeps for a link: more only adds delay, less loses packets at once.
-QUEUE_SECONDS = 0.1
-BURST_NBYTES = 65_536  # one large packet of the kernel
+HERE = Path(__file__).resolve().parent
+DEVICE = "slow0"
 
 
 class ShapedLink:
-    """A veth pair between two namespaces, shaped at both ends. Needs root.
+    """A link between two namespaces, shaped in both directions. Needs root.
 
     Args:
         mbit: capacity in each direction.
@@ -24,8 +27,9 @@ class ShapedLink:
     client_address = "10.231.77.2"
 
     def __init__(self, mbit: float, round_trip_ms: float) -> None:
-        self._mbit, self._delay_ms = mbit, round_trip_ms / 2
+        self._shape = [str(mbit), str(round_trip_ms / 2)]
         self._names = [f"obk{os.getpid()}{end}" for end in "sc"]
+        self._forwarder: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> ShapedLink:
         try:
@@ -52,43 +56,38 @@ class ShapedLink:
         return ["ip", "netns", "exec", self._names[1], *command]
 
     def _make(self) -> None:
-        server, client = self._names
         for name in self._names:
             _run(f"ip netns add {name}")
-        _run(f"ip link add veth0 netns {server} type veth peer name veth0 netns {client}")
-        for name, address in ((server, self.server_address), (client, self.client_address)):
-            _run(f"ip -n {name} addr add {address}/24 dev veth0")
             _run(f"ip -n {name} link set lo up")
-            _run(f"ip -n {name} link set veth0 up")
-            self._shape(name)
-
-    def _shape(self, name: str) -> None:
-        """The capacity by a token bucket, whose child delays; packets as a real link has them."""
-        _run(f"ip netns exec {name} ethtool -K veth0 tso off gso off", check=False)
-        limit = int(self._mbit * 1e6 / 8 * QUEUE_SECONDS) + BURST_NBYTES
-        root = f"tc -n {name} qdisc add dev veth0 root handle 1: tbf"
-        _run(f"{root} rate {self._mbit}mbit burst {BURST_NBYTES} limit {limit}")
-        child = f"tc -n {name} qdisc add dev veth0 parent 1:1 handle 10: netem"
-        _run(f"{child} delay {self._delay_ms}ms limit 10000")
+        command = [sys.executable, str(HERE / "_link_forwarder.py"), *self._names, *self._shape]
+        self._forwarder = subprocess.Popen(command, stdout=subprocess.PIPE)
+        assert self._forwarder.stdout
+        if self._forwarder.stdout.readline() != b"ready\n":
+            raise RuntimeError("the link did not come up")
+        for name, address in zip(
+            self._names, (self.server_address, self.client_address), strict=True
+        ):
+            _run(f"ip -n {name} addr add {address}/24 dev {DEVICE}")
+            _run(f"ip -n {name} link set {DEVICE} up")
 
     def _remove(self) -> None:
+        if self._forwarder is not None:
+            self._forwarder.terminate()
+            self._forwarder.communicate()
         for name in self._names:
             _run(f"ip netns del {name}", check=False)
 
 
 def received_nbytes() -> int:
-    """What came over the link to this process's end, with all headers."""
+    """What came over the link to this process's end, with the headers of its packets."""
     for line in Path("/proc/net/dev").read_text(encoding="ascii").splitlines():
-        if line.strip().startswith("veth0:"):
+        if line.strip().startswith(f"{DEVICE}:"):
             return int(line.split(":")[1].split()[0])
-    raise RuntimeError("there is no veth0 here")
+    raise RuntimeError(f"there is no {DEVICE} here")
 
 
 def _run(command: str, *, check: bool = True) -> None:
     try:
         subprocess.run(command.split(), check=check, capture_output=True, text=True)
-    except FileNotFoundError:
-        if check:
-            raise
     except subprocess.CalledProcessError as error:
         raise RuntimeError(f"{command}: {error.stderr.strip()}") from error
