@@ -80,7 +80,11 @@ def main() -> None:
     """Forward until somebody ends it."""
     ends = [open_tun(name) for name in sys.argv[1:3]]
     mbit, one_way_ms = map(float, sys.argv[3:5])
-    directions = [Direction(*pair, mbit * 1e6, one_way_ms / 1e3) for pair in (ends, ends[::-1])]
+    there, back = ends
+    directions = [
+        Direction(source, target, mbit * 1e6, one_way_ms / 1e3)
+        for source, target in ((there, back), (back, there))
+    ]
     print("ready", flush=True)
     wait = 1.0
     while True:

@@ -3,11 +3,11 @@
     script/bench service_soak [--minutes 10 | --seconds 20] [--clients 6] [--json FILE]
 
 Serves three volumes of 96 x 128 x 128 voxels. Clients ask for all that the server describes:
-bricks, batches, selections, pictures, metadata, 304s. Meanwhile, in turn: a render worker is killed, a
-shard is cut short and mended, a volume is replaced while it is read, a client leaves in the middle
-of a batch, another takes what it asked for slowly. Each brick's checksum is verified and its bytes
-are compared with the volume of that revision on disk. Settings of the server, such as
-OCTOBRICK_WORKERS, come from the environment. Status 1 if a promise broke.
+bricks, batches, selections, pictures, metadata, 304s. Meanwhile, in turn: a render worker is
+killed, a shard is cut short and mended, a volume is replaced while it is read, a client leaves in
+the middle of a batch, another takes what it asked for slowly. Each brick's checksum is verified
+and its bytes are compared with the volume of that revision on disk. Settings of the server, such
+as OCTOBRICK_WORKERS, come from the environment. Status 1 if a promise broke.
 """
 
 from __future__ import annotations

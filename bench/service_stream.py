@@ -2,12 +2,13 @@
 
     script/bench service_stream [--mbit 50] [--delay-ms 40] [--rounds 3] [--source FILE]
 
-The server runs in one network namespace and the client in another, joined by a link that is shaped
-in both directions; needs root, ip and /dev/net/tun. The same working set is fetched, the coarsest
-level first, then all of level 0 that bone shows: as one batch; with one request for each brick, over
-six connections, as browsers have them, or one; and as raw voxels, without code and zstd, over six. A
-first picture is possible once the coarsest level is there. The ways take turns; medians. Every brick
-is compared with the disk afterwards.
+The server runs in one network namespace and the client in another, joined by a link that is
+shaped in both directions; needs root, ip and /dev/net/tun. The same working set is fetched, the
+coarsest level first, then what `select` says a view of bone needs (else all of level 0 that bone
+can show): by select and one batch; with one request for each brick, over six connections, as
+browsers have them, or one; and as raw voxels, without code and zstd, over six. A first picture is
+possible once the coarsest level is there. The ways take turns; medians. Every brick is compared
+with the disk afterwards.
 """
 
 from __future__ import annotations
