@@ -101,6 +101,11 @@ class ServerProcess:
         stop(self._process)
         self._follower.join()
 
+    @property
+    def pid(self) -> int:
+        """The server's process; its workers are below."""
+        return self._process.pid
+
     def wait(self) -> int:
         """Until the server ends by itself; returns its exit status."""
         return self._process.wait()
