@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
+import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +21,8 @@ from octobrick.codec import S3dc
 from octobrick.renderer import Fidelity, RenderedImage, RenderStats
 from octobrick.server import Settings, create_app
 from octobrick.store import ingest
+
+WAIT_SECONDS = 10  # only a failing test waits as long
 
 
 class FakeRenderer:
@@ -123,6 +127,40 @@ def replace_volume(data_dir: Path) -> Callable[[str], None]:
 @pytest.fixture
 def renderer() -> FakeRenderer:
     return FakeRenderer()
+
+
+class Gate:
+    """Holds a renderer until it is opened."""
+
+    def __init__(self, renderer: FakeRenderer) -> None:
+        self.reached, self._open = threading.Event(), threading.Event()
+        renderer.before = self._hold
+
+    def _hold(self) -> None:
+        self.reached.set()
+        assert self._open.wait(WAIT_SECONDS)
+
+    def open(self) -> None:
+        self._open.set()
+
+
+@pytest.fixture
+def gate(renderer: FakeRenderer) -> Gate:
+    """Every picture waits until this is opened."""
+    return Gate(renderer)
+
+
+@pytest.fixture
+def wait_until() -> Callable[[Callable[[], bool]], None]:
+    """Wait for something to hold, without guessing how long it takes."""
+
+    def wait(holds: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + WAIT_SECONDS
+        while not holds():
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+
+    return wait
 
 
 @pytest.fixture

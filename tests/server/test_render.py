@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -260,36 +258,13 @@ def test_unknown_volume_is_404_before_anything_waits(
         assert error_of(reply)["kind"] == "volume-not-found"
 
 
-def wait_until(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + WAIT_SECONDS
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-
-
-class Gate:
-    """Holds a renderer until it is opened."""
-
-    def __init__(self, renderer: Any) -> None:
-        self.reached, self._open = threading.Event(), threading.Event()
-        renderer.before = self._hold
-
-    def _hold(self) -> None:
-        self.reached.set()
-        assert self._open.wait(WAIT_SECONDS)
-
-    def open(self) -> None:
-        self._open.set()
-
-
 def test_too_many_pictures_at_once_are_503_and_bricks_go_on(
-    data_dir: Path, renderer: Any, make_client: Any, error_of: ErrorOf
+    data_dir: Path, renderer: Any, gate: Any, wait_until: Any, make_client: Any, error_of: ErrorOf
 ) -> None:
     app = create_app(
         Settings(data_dir=data_dir, render_queue_length=1),
         make_renderer=lambda: renderer,
     )
-    gate = Gate(renderer)
     with make_client(app) as client, ThreadPoolExecutor(2) as clients:
         running = clients.submit(client.get, RENDER, params={"width": 8, "height": 8})
         assert gate.reached.wait(WAIT_SECONDS)
@@ -308,13 +283,12 @@ def test_too_many_pictures_at_once_are_503_and_bricks_go_on(
 
 
 def test_a_picture_that_takes_too_long_is_503_and_one_that_waited_is_never_begun(
-    data_dir: Path, renderer: Any, make_client: Any, error_of: ErrorOf
+    data_dir: Path, renderer: Any, gate: Any, make_client: Any, error_of: ErrorOf
 ) -> None:
     app = create_app(
         Settings(data_dir=data_dir, render_timeout_seconds=0.05),
         make_renderer=lambda: renderer,
     )
-    gate = Gate(renderer)
     with make_client(app) as client:
         for _ in range(2):  # the first one is being rendered, the second one waits behind it
             reply = client.get(RENDER, params={"width": 8, "height": 8})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from pydantic import BaseModel, Field
 
@@ -101,20 +101,24 @@ class PictureQuery(ViewQuery, _PictureFields):
         assert isinstance(body, PictureBody)
         if self.format is not None:
             return body
-        return body.model_copy(update={"format": accepted_format(accept)})
+        transparent = self.background == "transparent"
+        return body.model_copy(update={"format": accepted_format(accept, transparent)})
 
 
-def accepted_format(accept: str) -> Format:
+def accepted_format(accept: str, transparent: bool) -> Format:
     """The format that an Accept header (RFC 9110, 12.5.1) likes best; png among equals.
 
-    A header that has none of them gets png: a picture is of more use than a refusal.
+    A header that has none of them gets png: a picture is of more use than a refusal. A transparent
+    picture is never jpeg.
     """
     weights: dict[str, float] = {}
     for item in accept.lower().split(","):
         kind, *parameters = (part.strip() for part in item.split(";"))
         weights[kind] = _weight(parameters)
 
-    def weight_of(picture: Any) -> float:
+    def weight_of(picture: Format) -> float:
+        if picture == "jpeg" and transparent:
+            return 0.0
         for kind in (CONTENT_TYPES[picture], "image/*", "*/*"):
             if kind in weights:
                 return weights[kind]
