@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import shutil
+import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import anyio.from_thread
@@ -16,11 +16,13 @@ import httpx
 import numpy as np
 import pytest
 from fastapi import FastAPI
-from PIL import Image
 
 from octobrick.codec import S3dc
+from octobrick.renderer import Fidelity, RenderedImage, RenderStats
 from octobrick.server import Settings, create_app
 from octobrick.store import ingest
+
+WAIT_SECONDS = 10  # only a failing test waits as long
 
 
 class FakeRenderer:
@@ -37,10 +39,7 @@ class FakeRenderer:
             raise self.fails_with
         asked = {"camera": camera, "transfer_function": transfer_function, **options}
         self.asked.append(asked)
-        return SimpleNamespace(
-            png=lambda: _png(options["size"]),
-            fidelity=SimpleNamespace(level=1, max_error=12.5, converged=True),
-        )
+        return _picture(*options["size"], opaque=options["background"] is not None)
 
     def close(self) -> None:
         pass
@@ -75,10 +74,14 @@ class Client:
         return self.request("POST", path, **options)
 
 
-def _png(size: tuple[int, int]) -> bytes:
-    file = io.BytesIO()
-    Image.new("RGBA", size, (10, 20, 30, 255)).save(file, "png")
-    return file.getvalue()
+def _picture(width: int, height: int, *, opaque: bool) -> RenderedImage:
+    """One colour, and on the right another one."""
+    rgba = np.full((height, width, 4), (10, 20, 30, 255), np.uint8)
+    rgba[:, width // 2 :] = (200, 100, 50, 255 if opaque else 128)
+    stats = RenderStats(1, {}, 1, 1, 0, 70, 0, 30, 1, 1, (0, 1), {"cast": 2, "total": 5}, "fake")
+    return RenderedImage(
+        rgba, np.zeros((height, width, 4), np.float32), Fidelity(1, 0, 12.5, True), stats
+    )
 
 
 def ramp(seed: int = 0) -> np.ndarray[Any, np.dtype[np.uint16]]:
@@ -125,6 +128,40 @@ def replace_volume(data_dir: Path) -> Callable[[str], None]:
 @pytest.fixture
 def renderer() -> FakeRenderer:
     return FakeRenderer()
+
+
+class Gate:
+    """Holds a renderer until it is opened."""
+
+    def __init__(self, renderer: FakeRenderer) -> None:
+        self.reached, self._open = threading.Event(), threading.Event()
+        renderer.before = self._hold
+
+    def _hold(self) -> None:
+        self.reached.set()
+        assert self._open.wait(WAIT_SECONDS)
+
+    def open(self) -> None:
+        self._open.set()
+
+
+@pytest.fixture
+def gate(renderer: FakeRenderer) -> Gate:
+    """Every picture waits until this is opened."""
+    return Gate(renderer)
+
+
+@pytest.fixture
+def wait_until() -> Callable[[Callable[[], bool]], None]:
+    """Wait for something to hold, without guessing how long it takes."""
+
+    def wait(holds: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + WAIT_SECONDS
+        while not holds():
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+
+    return wait
 
 
 @pytest.fixture

@@ -78,8 +78,8 @@ def test_the_examples_of_every_operation_run(
     reply = client.request(method.upper(), **request)
     assert reply.status_code == 200, reply.text
     documented = description["paths"][path][method]["responses"]["200"]["content"]
-    assert list(documented) == [reply.headers["content-type"]]
-    schema = resolved(description, next(iter(documented.values()))["schema"])
+    assert reply.headers["content-type"] in documented
+    schema = resolved(description, documented[reply.headers["content-type"]]["schema"])
     if reply.headers["content-type"] == "application/json":
         assert_alike(reply.json(), schema["examples"][0])
 

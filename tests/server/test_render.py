@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -43,7 +42,7 @@ def test_picture_is_a_png_with_what_is_known_of_it(
     assert reply.headers["x-octobrick-max-error"] == "12.5"
     assert reply.headers["x-octobrick-converged"] == "true"
     names = [part.split(";dur=")[0] for part in reply.headers["server-timing"].split(", ")]
-    assert names == ["queue", "render", "encode"]
+    assert names == ["queue", "open", "render", "encode", "render-cast"]
 
 
 def test_defaults_are_those_of_the_command_line(client: Any, renderer: Any, data_dir: Path) -> None:
@@ -259,33 +258,18 @@ def test_unknown_volume_is_404_before_anything_waits(
         assert error_of(reply)["kind"] == "volume-not-found"
 
 
-class Gate:
-    """Holds a renderer until it is opened."""
-
-    def __init__(self, renderer: Any) -> None:
-        self.reached, self._open = threading.Event(), threading.Event()
-        renderer.before = self._hold
-
-    def _hold(self) -> None:
-        self.reached.set()
-        assert self._open.wait(WAIT_SECONDS)
-
-    def open(self) -> None:
-        self._open.set()
-
-
 def test_too_many_pictures_at_once_are_503_and_bricks_go_on(
-    data_dir: Path, renderer: Any, make_client: Any, error_of: ErrorOf
+    data_dir: Path, renderer: Any, gate: Any, wait_until: Any, make_client: Any, error_of: ErrorOf
 ) -> None:
     app = create_app(
         Settings(data_dir=data_dir, render_queue_length=1),
         make_renderer=lambda: renderer,
     )
-    gate = Gate(renderer)
-    with make_client(app) as client, ThreadPoolExecutor(1) as clients:
+    with make_client(app) as client, ThreadPoolExecutor(2) as clients:
         running = clients.submit(client.get, RENDER, params={"width": 8, "height": 8})
         assert gate.reached.wait(WAIT_SECONDS)
-        waiting = app.state.services.renders.submit(lambda _: "done")
+        waiting = clients.submit(client.get, RENDER, params={"width": 8, "height": 8})
+        wait_until(lambda: app.state.services.renders.stats()["waiting"] == 1)
         refused = client.get(RENDER)
         assert refused.status_code == 503
         assert error_of(refused)["kind"] == "busy"
@@ -295,17 +279,16 @@ def test_too_many_pictures_at_once_are_503_and_bricks_go_on(
         assert client.get(brick).status_code == 200
         gate.open()
         assert running.result(WAIT_SECONDS).status_code == 200
-        assert waiting.result(WAIT_SECONDS) == "done"
+        assert waiting.result(WAIT_SECONDS).status_code == 200
 
 
 def test_a_picture_that_takes_too_long_is_503_and_one_that_waited_is_never_begun(
-    data_dir: Path, renderer: Any, make_client: Any, error_of: ErrorOf
+    data_dir: Path, renderer: Any, gate: Any, make_client: Any, error_of: ErrorOf
 ) -> None:
     app = create_app(
         Settings(data_dir=data_dir, render_timeout_seconds=0.05),
         make_renderer=lambda: renderer,
     )
-    gate = Gate(renderer)
     with make_client(app) as client:
         for _ in range(2):  # the first one is being rendered, the second one waits behind it
             reply = client.get(RENDER, params={"width": 8, "height": 8})

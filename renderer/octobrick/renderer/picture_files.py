@@ -91,10 +91,24 @@ def save_picture(
         ResourceError: the package that writes it is not installed; the message names the extra.
         DestinationError: the system refuses to write.
     """
-    kind = _kind_of(Path(path), quality)
-    content = kind.encode(image, quality)
+    content = _kind_of(Path(path), quality).encode(image, quality)
     with staged_file(Path(path).resolve(), overwrite=True) as partial:
         partial.write_bytes(content)
+
+
+def encoded(image: RenderedImage, suffix: str, quality: int | None = None) -> bytes:
+    """The bytes of the file that `save_picture` would write.
+
+    Args:
+        image: the picture.
+        suffix: of the file, such as ".webp".
+        quality: 1 to 100, of formats that have one.
+
+    Raises:
+        InvalidInputError: see `require_picture`; or a JPEG was asked of a transparent picture.
+        ResourceError: the package that writes it is not installed; the message names the extra.
+    """
+    return _kind_of(Path(f"picture{suffix}"), quality).encode(image, quality)
 
 
 def png(rgba: NDArray[np.uint8]) -> bytes:

@@ -67,10 +67,10 @@ def create_app(
 
     Args:
         settings: checked settings.
-        make_renderer: makes the renderer, in the one thread that will use it; by default an
-            ``octobrick.renderer.Renderer`` with the memory budget of the settings.
+        make_renderer: makes a renderer for a thread of this process to use, for tests; by default
+            pictures are rendered by processes of their own.
     """
-    services = Services(settings, make_renderer or _default_renderer(settings))
+    services = Services(settings, make_renderer)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
@@ -129,15 +129,6 @@ class _App(FastAPI):
             )
         headers = security_headers(other_origins=bool(settings.cors_origins))
         return FrontDoor(app, services.metrics, AccessLog(settings.access_log), headers)
-
-
-def _default_renderer(settings: Settings) -> Callable[[], Renderer]:
-    def make() -> Renderer:
-        from octobrick.renderer import Renderer  # needs the extra, and only pictures need it
-
-        return Renderer(memory_budget=settings.render_memory_budget_nbytes)
-
-    return make
 
 
 def _version() -> str:

@@ -95,6 +95,24 @@ class RenderTimeoutError(ResourceError):
     kind = "render-timeout"
 
 
+class RenderCrashedError(ResourceError):
+    """The process that rendered the picture ended: ask for less, or try again later."""
+
+    kind = "render-crashed"
+
+
+class RenderingOffError(UnsupportedError):
+    """This server renders nothing, as it is set up: ask another one."""
+
+    kind = "rendering-off"
+
+
+class VolumeReplacedError(ResourceError):
+    """The volume was replaced while it was used: ask again for the new one."""
+
+    kind = "volume-replaced"
+
+
 class InternalError(OctobrickError):
     """A fault in octobrick itself: the server's log holds the details."""
 
@@ -140,6 +158,8 @@ ANSWERS: dict[type[OctobrickError], HttpAnswer] = {
     NotReadyError: HttpAnswer(503, "The server cannot serve now.", 5),
     BusyError: HttpAnswer(503, "The server is busy.", 2),
     RenderTimeoutError: HttpAnswer(503, "The picture was not ready in time.", 5),
+    RenderCrashedError: HttpAnswer(503, "The process that rendered the picture ended.", 2),
+    VolumeReplacedError: HttpAnswer(503, "The volume was replaced while it was used.", 1),
 }
 
 

@@ -16,21 +16,27 @@ from octobrick.server.interop.interop_reply import ChunkCache
 from octobrick.server.metrics import Counts, Metrics
 from octobrick.server.metrics_folder import MetricsFolder
 from octobrick.server.metrics_text import process_stats
-from octobrick.server.render_thread import RenderThread
+from octobrick.server.painter import Painter
+from octobrick.server.render_pool import RenderPool
 from octobrick.server.settings import Settings
 from octobrick.server.tables import TableCache
 from octobrick.server.warm_start import WarmStart
+from octobrick.server.worker_process import RenderWorker, ThreadWorker, process_worker_factory
 
 if TYPE_CHECKING:
     from octobrick.renderer import Renderer
 
+_FILE_NBYTES = 65_536
+"""More than what a picture file has besides its pixels."""
+
 
 class Services:
-    """The catalog, the threads that read, what they keep, and the thread that renders.
+    """The catalog, the threads that read, what they keep, and the workers that render.
 
     Args:
         settings: the server's settings.
-        make_renderer: makes the renderer, in the render thread.
+        make_renderer: makes the renderer of a worker that is a thread; None for processes, which
+            make their own.
     """
 
     catalog: Catalog
@@ -39,12 +45,14 @@ class Services:
     bricks: BrickReplies
     chunks: ChunkCache
     readers: ThreadPoolExecutor
-    renders: RenderThread[Renderer]
+    renders: RenderPool
     guard: Guard | None = None
     metrics_folder: MetricsFolder | None = None  # where there are several processes
     draining = False
 
-    def __init__(self, settings: Settings, make_renderer: Callable[[], Renderer]) -> None:
+    def __init__(
+        self, settings: Settings, make_renderer: Callable[[], Renderer] | None = None
+    ) -> None:
         self.settings = settings
         self.metrics = Metrics()
         self._make_renderer = make_renderer
@@ -65,7 +73,13 @@ class Services:
         self.bricks = BrickReplies(self.catalog, self.decoded)
         self.chunks = ChunkCache(self.settings.chunk_cache_nbytes)
         self.readers = ThreadPoolExecutor(self.settings.read_threads, "octobrick-read")
-        self.renders = RenderThread(self._make_renderer, self.settings.render_queue_length)
+        self.renders = RenderPool(
+            self._worker_factory(),
+            nworkers=self.settings.render_workers,
+            queue_length=self.settings.render_queue_length,
+            queue_per_client=self.settings.render_queue_per_client,
+            limit_seconds=self.settings.render_timeout_seconds,
+        )
         self.renders.start()
         self._wire_metrics()
         if self.settings.warm_start:
@@ -90,6 +104,17 @@ class Services:
         """Each part tells its own numbers; docs/operations.md lists them."""
         self.metrics.wire("process", process_stats)
         self.metrics.wire("catalog", self.catalog.stats)
+
+    def _worker_factory(self) -> Callable[[], RenderWorker]:
+        make_renderer = self._make_renderer
+        if make_renderer is not None:
+            return lambda: ThreadWorker(Painter(make_renderer))
+        return process_worker_factory(
+            self.settings.render_memory_budget_nbytes,
+            # A picture file that compresses nothing, with its headers.
+            _FILE_NBYTES + 5 * self.settings.max_image_pixels,
+            self.settings.render_memory_limit_nbytes or None,
+        )
 
 
 def _services_of(request: Request) -> Services:

@@ -137,15 +137,27 @@ class Settings(BaseSettings):
     max_image_pixels: int = Field(
         default=4_194_304, ge=1, description="Most pixels of a rendered picture (2048 x 2048)."
     )
+    render_workers: int = Field(
+        default=1,
+        ge=0,
+        le=64,
+        description="Processes that render, for each server process; 0 renders nothing.",
+    )
     render_memory_budget_nbytes: int = Field(
         default=536_870_912,
         ge=1,
-        description="Memory that the renderer may use for bricks (512 MiB).",
+        description="Memory that each renderer may use for bricks (512 MiB).",
+    )
+    render_memory_limit_nbytes: int = Field(
+        default=0,
+        ge=0,
+        description="Resident memory at which a render process is replaced; 0 sets no limit.",
     )
     render_queue_length: int = Field(
-        default=8,
-        ge=1,
-        description="Pictures that may wait for the renderer; more are answered 503.",
+        default=32, ge=1, description="Pictures that may wait for a worker; more are answered 503."
+    )
+    render_queue_per_client: int = Field(
+        default=8, ge=1, description="Pictures of one client that may wait; more are answered 503."
     )
     render_timeout_seconds: float = Field(
         default=60.0, gt=0, description="Longest time a picture may take, waiting included."

@@ -228,6 +228,26 @@ class View:
             **scene,
         )
 
+    def level_within(self, volume: Volume, budget_nbytes: int) -> int:
+        """The finest useful level whose bricks fit a budget, compressed; the coarsest if none does.
+
+        Raises:
+            PictureTooLargeError: the view names a level, whose bricks do not fit.
+            InvalidInputError: what makes no sense for this volume.
+        """
+        from octobrick.renderer import PictureTooLargeError
+
+        chosen = self.select(volume, budget_nbytes)
+        if self.level is not None and chosen.nbytes > budget_nbytes:
+            raise PictureTooLargeError(
+                f"level {self.level} of this view needs {chosen.nbytes} bytes of bricks, and "
+                f"{budget_nbytes} may be used; leave the level out, or raise budget_nbytes",
+                level=self.level,
+                nbytes=chosen.nbytes,
+                budget_nbytes=budget_nbytes,
+            )
+        return chosen.level
+
     def prefetch(self, renderer: Renderer, volume: Volume, camera: Camera, t: int) -> None:
         """Read what a later `render` with this camera and time step needs, in the background."""
         scene = self._scene(volume, camera, t)
