@@ -15,7 +15,7 @@ from octobrick.renderer.code_layout import CodeLayout
 from octobrick.renderer.errors import PictureTooLargeError
 from octobrick.renderer.modes import Slice
 from octobrick.renderer.render_request import RenderRequest
-from octobrick.renderer.selection import RangeTest, Selection, finest_useful_level, select_bricks
+from octobrick.renderer.selection import RangeTest, Selection, finest_useful_level, select_within
 from octobrick.renderer.slab_set import SlabLayout
 from octobrick.renderer.slabs import SlabPlan, plan_slabs
 from octobrick.renderer.transfer_function import TransferFunction
@@ -77,14 +77,15 @@ def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> 
     levels = [request.level] if request.level is not None else range(wanted, nlevels)
     too_large = None
     for level in levels:
+        # Coarser, so that the working set stays resident; but the coarsest is shown anyhow.
+        anyhow = request.level is not None or level == nlevels - 1
+        bricks_max = None if anyhow else limits.brick_nbytes // needed_brick_nbytes(request, level)
         try:
-            plan = plan_level(request, level, limits, cull=cull)
+            plan = plan_level(request, level, limits, cull=cull, bricks_max=bricks_max)
         except PictureTooLargeError as error:
             too_large = error
             continue
-        # Coarser, so that the working set stays resident; but the coarsest is shown anyhow.
-        fits = working_set_nbytes(request, plan) <= limits.brick_nbytes
-        if fits or request.level is not None or level == nlevels - 1:
+        if plan is not None:
             return plan
     assert too_large is not None
     raise too_large
@@ -92,10 +93,15 @@ def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> 
 
 def working_set_nbytes(request: RenderRequest, plan: FramePlan) -> int:
     """Bytes of the bricks that the plan needs, compressed, of all channels, with directions."""
-    nbytes = brick_nbytes(request.volume, plan.level)
-    if plan.layout.directions:
+    return plan.selection.nneeded * needed_brick_nbytes(request, plan.level)
+
+
+def needed_brick_nbytes(request: RenderRequest, level: int) -> int:
+    """Bytes of a brick, compressed, of all channels, with directions where they give light."""
+    nbytes = brick_nbytes(request.volume, level)
+    if request.stored_gradients(level) is not None:
         nbytes += 3 * math.prod(request.volume.brick_shape_zyx)
-    return int(plan.selection.needed.sum()) * nbytes * len(request.channels)
+    return nbytes * len(request.channels)
 
 
 STORED_TO_CODE = 1.5
@@ -113,9 +119,14 @@ def brick_nbytes(volume: BrickSource, level: int) -> int:
 
 
 def plan_level(
-    request: RenderRequest, level: int, limits: Limits, *, cull: bool = True
-) -> FramePlan:
-    """The plan at one level.
+    request: RenderRequest,
+    level: int,
+    limits: Limits,
+    *,
+    cull: bool = True,
+    bricks_max: int | None = None,
+) -> FramePlan | None:
+    """The plan at one level; None where it needs more bricks than a number, if that is given.
 
     Raises:
         PictureTooLargeError: not even a thin slab of the view fits.
@@ -135,7 +146,8 @@ def plan_level(
     )
     view = make_view(request.camera, request.size, geometry)
     layout = SlabLayout.of(request, level)
-    selection = select_bricks(
+    selection = select_within(
+        math.prod(geometry.grid_zyx) if bricks_max is None else bricks_max,
         geometry,
         volume.brick_shape_zyx,
         view,
@@ -144,6 +156,8 @@ def plan_level(
         margin_zyx=layout.brick_margin_zyx,
         cull=cull,
     )
+    if selection is None or (bricks_max is not None and selection.nneeded > bricks_max):
+        return None
     slabs = None
     if selection.box.nvoxels > 0 and limits.slab_nbytes is not None:
         slabs = _plan_slabs(request, level, view, selection, layout, limits)
