@@ -66,15 +66,24 @@ class FramePlan:
     reference_length_world: float
 
 
-def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> FramePlan:
+def plan_frame(
+    request: RenderRequest, limits: Limits, *, cull: bool = True, finest: int | None = None
+) -> FramePlan:
     """The plan at the level asked for, or at the finest useful one that fits.
+
+    Args:
+        request: what is asked for.
+        limits: what the plan keeps to.
+        cull: whether bricks are left out.
+        finest: the finest useful level, where it is known.
 
     Raises:
         PictureTooLargeError: not even a thin slab of the view fits.
     """
     nlevels = len(request.volume.levels)
-    wanted = finest_useful_level(request.volume, request.camera, request.size)
-    levels = [request.level] if request.level is not None else range(wanted, nlevels)
+    if finest is None:
+        finest = finest_useful_level(request.volume, request.camera, request.size)
+    levels = [request.level] if request.level is not None else range(finest, nlevels)
     too_large = None
     for level in levels:
         # Coarser, so that the working set stays resident; but the coarsest is shown anyhow.

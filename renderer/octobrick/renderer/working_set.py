@@ -85,7 +85,8 @@ def select(
         InvalidInputError: an argument is out of its range.
     """
     request = make_request(volume, camera, transfer_function, size, **scene)
-    plan = plan_frame(request, Limits(budget_nbytes))
+    finest = finest_useful_level(volume, camera, request.size)
+    plan = plan_frame(request, Limits(budget_nbytes), finest=finest)
     geometry = volume.levels[plan.level]
     selection = plan.selection
     needed = ordered(selection.needed, geometry, volume.brick_shape_zyx, plan.view, selection.part)
@@ -105,7 +106,7 @@ def select(
         t=request.t,
         channels=tuple(channel.c for channel in request.channels),
         directions=plan.layout.directions,
-        finest_level_wanted=finest_useful_level(volume, camera, request.size),
+        finest_level_wanted=finest,
         bricks_zyx=wanted,
         pixels=np.where(sampled[tuple(wanted.T)], pixels, pixels * MARGIN_WEIGHT),
         counts=selection.counts | {"needed": len(needed), "had": len(needed) - len(wanted)},

@@ -40,7 +40,7 @@ class Services:
         Raises:
             ResourceError: the folder of volumes cannot be read.
         """
-        self.catalog = Catalog(self.settings.data_dir)
+        self.catalog = Catalog(self.settings.data_dir, listed=self.settings.volumes)
         self.catalog.scan()
         self.tables = TableCache(self.settings.table_cache_nbytes)
         self.readers = ThreadPoolExecutor(self.settings.read_threads, "octobrick-read")

@@ -19,18 +19,24 @@ _LOG_LEVELS = ["debug", "info", "warning", "error"]
 
 @click.command()
 @click.argument(
-    "data_dir", metavar="DIR", envvar="OCTOBRICK_DATA_DIR", type=click.Path(path_type=Path)
+    "data_dir",
+    metavar="[DIR]",
+    envvar="OCTOBRICK_DATA_DIR",
+    type=click.Path(path_type=Path),
+    required=False,
 )
 @click.option("--host", help="Address to listen on.  [default: 127.0.0.1]")
 @click.option("--port", type=int, help="TCP port; 0 takes a free one.  [default: 8000]")
 @click.option("--log-level", type=click.Choice(_LOG_LEVELS), help="[default: info]")
-def serve(data_dir: Path, **given: Any) -> None:
+def serve(data_dir: Path | None, **given: Any) -> None:
     """Serve the volumes DIR/*.zarr over HTTP until SIGTERM or Ctrl-C.
+
+    DIR may be left out where OCTOBRICK_VOLUMES lists volumes.
 
     Once requests are answered, one line with the address is printed. Everything else is a setting
     in the environment (OCTOBRICK_…, see docs/settings.md); options go before them.
     """
-    if not data_dir.is_dir():
+    if data_dir is not None and not data_dir.is_dir():
         raise InvalidInputError(
             f"{data_dir}: no such folder; name the folder that holds the *.zarr volumes",
             path=str(data_dir),
@@ -39,7 +45,7 @@ def serve(data_dir: Path, **given: Any) -> None:
     _serve(_settings(data_dir, options))
 
 
-def _settings(data_dir: Path, given: dict[str, Any]) -> Settings:
+def _settings(data_dir: Path | None, given: dict[str, Any]) -> Settings:
     try:
         from pydantic import ValidationError
 
@@ -50,7 +56,7 @@ def _settings(data_dir: Path, given: dict[str, Any]) -> Settings:
         return Settings(data_dir=data_dir, **given)
     except ValidationError as error:
         first = error.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
+        name = ".".join(str(part) for part in first["loc"]) or "data_dir"
         raise InvalidInputError(
             f"setting {name}: {first['msg']}, not {first['input']!r}", setting=name
         ) from error
@@ -70,7 +76,7 @@ def _serve(settings: Settings) -> None:
     class Server(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
-            click.echo(f"octobrick serves {settings.data_dir} at {address}")
+            click.echo(f"octobrick serves {settings.data_dir or 'volumes'} at {address}")
 
     config = uvicorn.Config(
         create_app(settings),
