@@ -99,7 +99,7 @@ class Catalog:
         self._listed = dict(listed or {})
         self._scanned: tuple[int, float] | None = None  # time of the folder; of the scan
         self._lock = threading.Lock()  # guards _entries, users and retired; not held to read
-        self._entries: dict[str, _Entry] = {}
+        self._entries = {name: _Entry(name, path) for name, path in self._listed.items()}
 
     def scan(self) -> list[str]:
         """Look at the folder again; returns the ids found, sorted.
