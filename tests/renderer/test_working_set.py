@@ -118,24 +118,3 @@ def test_descending_a_tree_of_cubes_finds_what_testing_each_brick_does(
     assert not (found.sampled & surely_not).any()
     reasons = ("frustum", "clipped", "transparent", "sampled")
     assert sum(found.counts[reason] for reason in reasons) == found.counts["total"]
-
-
-@given(st.integers(0, 2**32), st.sampled_from([0.3, 1.0, 4.0]), st.integers(1, 4000))
-@settings(max_examples=40, deadline=None)
-def test_a_descent_ends_without_an_answer_exactly_where_more_bricks_than_useful_are_sampled(
-    seed: int, zoom: float, at_most: int
-) -> None:
-    grid = (19, 15, 17)
-    volume = ArraySource(np.zeros(grid, np.uint8), brick=1, nlevels=1)
-    low = np.random.default_rng(seed).random(grid)
-    view = make_view(Camera.orbit(volume, seed % 360).zoomed(zoom), (40, 30), volume.levels[0])
-    ranges = [(BrickRanges.of_bricks(low, low), lambda a, b: (a <= 0.7) & (b >= 0.2))]
-    every = select_bricks(volume.levels[0], (1, 1, 1), view, ranges)
-    some = select_bricks(volume.levels[0], (1, 1, 1), view, ranges, at_most=at_most)
-    assert every is not None
-    if every.counts["sampled"] > at_most:
-        assert some is None
-    else:
-        assert some is not None
-        assert (some.sampled == every.sampled).all()
-        assert some.counts == every.counts

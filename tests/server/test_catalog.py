@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -168,6 +170,55 @@ def test_closing_waits_for_borrowers(catalog: Catalog, opener: Opener) -> None:
         assert opener.closed == []
         assert lent.volume.stored_brick(0, (1, 1, 1))
     assert len(opener.closed) == 1
+
+
+def test_unknown_ids_do_not_list_a_folder_that_did_not_change(
+    data_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    os.utime(data_dir, (1e9, 1e9))  # long ago
+    catalog = Catalog(data_dir)
+    listed: list[object] = []
+    scandir = os.scandir
+
+    def counted(path: Any = ".") -> Any:
+        if path == data_dir:
+            listed.append(path)
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", counted)
+    catalog.scan()
+    for volume_id in ("nothing", "of", "these"):
+        with pytest.raises(VolumeNotFoundError), catalog.borrow(volume_id):
+            pass
+    assert len(listed) == 1
+    shutil.copytree(data_dir / "head.zarr", data_dir / "new.zarr")
+    with catalog.borrow("new"), catalog.borrow("head"):
+        assert len(listed) == 2
+    monkeypatch.setattr("octobrick.server.catalog._RESCAN_SECONDS", 0)
+    with pytest.raises(VolumeNotFoundError), catalog.borrow("nothing"):
+        pass
+    assert len(listed) == 3
+    catalog.close()
+
+
+def test_listed_volumes_are_lent_with_those_of_the_folder_and_before_them(
+    data_dir: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "elsewhere"
+    shutil.copytree(data_dir / "exact.zarr", other)
+    catalog = Catalog(data_dir, listed={"head": other, "gone": tmp_path / "nothing"})
+    assert {"exact", "gone", "head", "torn"} <= set(catalog.scan())
+    with catalog.borrow("head") as lent, catalog.borrow("exact") as exact:
+        assert lent.volume.path == other
+        assert lent.volume.revision == exact.volume.revision
+    with pytest.raises(VolumeNotFoundError), catalog.borrow("gone"):
+        pass
+    alone = Catalog(None, listed={"head": other})
+    assert alone.scan() == ["head"]
+    with pytest.raises(VolumeNotFoundError), alone.borrow("exact"):
+        pass
+    for each in (catalog, alone):
+        each.close()
 
 
 def test_a_folder_that_cannot_be_read_is_named(tmp_path: Path) -> None:

@@ -64,3 +64,16 @@ def test_environment_sets_what_is_not_given(
 def test_senseless_value_is_refused(name: str, value: object, tmp_path: Path) -> None:
     with pytest.raises(ValidationError, match=name):
         Settings.model_validate({"data_dir": tmp_path, name: value})
+
+
+def test_volumes_are_a_folder_or_a_list_or_both(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with pytest.raises(ValidationError, match="data_dir"):
+        Settings()
+    monkeypatch.setenv("OCTOBRICK_VOLUMES", '{"head": "/data/ct/head.zarr"}')
+    assert Settings().volumes == {"head": Path("/data/ct/head.zarr")}
+    assert Settings(data_dir=tmp_path).data_dir == tmp_path
+    for odd in ("", "../head", "a/b", ".head", "head\n", "x" * 129):
+        with pytest.raises(ValidationError):
+            Settings(volumes={odd: tmp_path})

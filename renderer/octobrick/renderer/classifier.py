@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -156,8 +157,15 @@ class Classifier:
         return (np.asarray(value, np.float64) - self._low) * self._entries_per_value
 
 
+@lru_cache(maxsize=32)  # of 64 KiB: of a view at each of its levels
 def _table(function: TransferFunction, step_ratio: float, mode: Mode) -> NDArray[np.float32]:
-    """Premultiplied colour by entry: of a step, of the whole ray, or of a surface."""
+    """Premultiplied colour by entry, read-only: of a step, of the whole ray, or of a surface."""
+    table = _new_table(function, step_ratio, mode)
+    table.flags.writeable = False
+    return table
+
+
+def _new_table(function: TransferFunction, step_ratio: float, mode: Mode) -> NDArray[np.float32]:
     if isinstance(mode, Projection):
         return function.table(TABLE_ENTRIES)
     if isinstance(mode, Isosurface):

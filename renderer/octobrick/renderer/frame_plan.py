@@ -15,13 +15,7 @@ from octobrick.renderer.code_layout import CodeLayout
 from octobrick.renderer.errors import PictureTooLargeError
 from octobrick.renderer.modes import Slice
 from octobrick.renderer.render_request import RenderRequest
-from octobrick.renderer.selection import (
-    RangeTest,
-    Selection,
-    bricks_in,
-    finest_useful_level,
-    select_bricks,
-)
+from octobrick.renderer.selection import RangeTest, Selection, finest_useful_level, select_within
 from octobrick.renderer.slab_set import SlabLayout
 from octobrick.renderer.slabs import SlabPlan, plan_slabs
 from octobrick.renderer.transfer_function import TransferFunction
@@ -72,25 +66,31 @@ class FramePlan:
     reference_length_world: float
 
 
-def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> FramePlan:
+def plan_frame(
+    request: RenderRequest, limits: Limits, *, cull: bool = True, finest: int | None = None
+) -> FramePlan:
     """The plan at the level asked for, or at the finest useful one that fits.
+
+    Args:
+        request: what is asked for.
+        limits: what the plan keeps to.
+        cull: whether bricks are left out.
+        finest: the finest useful level, where it is known.
 
     Raises:
         PictureTooLargeError: not even a thin slab of the view fits.
     """
-    coarsest = len(request.volume.levels) - 1
-    if request.level is not None:
-        levels = range(request.level, request.level + 1)
-    else:
-        levels = range(
-            finest_useful_level(request.volume, request.camera, request.size), coarsest + 1
-        )
+    nlevels = len(request.volume.levels)
+    if finest is None:
+        finest = finest_useful_level(request.volume, request.camera, request.size)
+    levels = [request.level] if request.level is not None else range(finest, nlevels)
     too_large = None
     for level in levels:
+        # Coarser, so that the working set stays resident; but the coarsest is shown anyhow.
+        anyhow = request.level is not None or level == nlevels - 1
+        bricks_max = None if anyhow else limits.brick_nbytes // needed_brick_nbytes(request, level)
         try:
-            # Coarser, so that the working set stays resident; but the last one is shown anyhow.
-            within = None if level == levels[-1] else limits.brick_nbytes
-            plan = plan_level(request, level, limits, within_nbytes=within, cull=cull)
+            plan = plan_level(request, level, limits, cull=cull, bricks_max=bricks_max)
         except PictureTooLargeError as error:
             too_large = error
             continue
@@ -102,14 +102,13 @@ def plan_frame(request: RenderRequest, limits: Limits, *, cull: bool = True) -> 
 
 def working_set_nbytes(request: RenderRequest, plan: FramePlan) -> int:
     """Bytes of the bricks that the plan needs, compressed, of all channels, with directions."""
-    needed = int(np.count_nonzero(plan.selection.needed))
-    return needed * _needed_nbytes(request, plan.level, plan.layout)
+    return plan.selection.nneeded * needed_brick_nbytes(request, plan.level)
 
 
-def _needed_nbytes(request: RenderRequest, level: int, layout: SlabLayout) -> int:
-    """Bytes of a place in the grid of bricks: of all channels, with directions."""
+def needed_brick_nbytes(request: RenderRequest, level: int) -> int:
+    """Bytes of a brick, compressed, of all channels, with directions where they give light."""
     nbytes = brick_nbytes(request.volume, level)
-    if layout.directions:
+    if request.stored_gradients(level) is not None:
         nbytes += 3 * math.prod(request.volume.brick_shape_zyx)
     return nbytes * len(request.channels)
 
@@ -133,10 +132,10 @@ def plan_level(
     level: int,
     limits: Limits,
     *,
-    within_nbytes: int | None = None,
     cull: bool = True,
+    bricks_max: int | None = None,
 ) -> FramePlan | None:
-    """The plan at one level; None where its working set takes more than `within_nbytes`.
+    """The plan at one level; None where it needs more bricks than a number, if that is given.
 
     Raises:
         PictureTooLargeError: not even a thin slab of the view fits.
@@ -156,9 +155,8 @@ def plan_level(
     )
     view = make_view(request.camera, request.size, geometry)
     layout = SlabLayout.of(request, level)
-    place_nbytes = _needed_nbytes(request, level, layout)
-    places = None if within_nbytes is None else within_nbytes // place_nbytes
-    selection = select_bricks(
+    selection = select_within(
+        math.prod(geometry.grid_zyx) if bricks_max is None else bricks_max,
         geometry,
         volume.brick_shape_zyx,
         view,
@@ -166,9 +164,8 @@ def plan_level(
         clip_planes_world=_clip_planes(request),
         margin_zyx=layout.brick_margin_zyx,
         cull=cull,
-        at_most=places,
     )
-    if selection is None or (places is not None and np.count_nonzero(selection.needed) > places):
+    if selection is None or (bricks_max is not None and selection.nneeded > bricks_max):
         return None
     slabs = None
     if selection.box.nvoxels > 0 and limits.slab_nbytes is not None:
@@ -258,5 +255,5 @@ def _eye_on_axis(view: View, geometry: SourceLevel) -> float:
 def brick_list(mask: NDArray[np.bool_], box_slices: tuple[slice, ...]) -> list[Zyx]:
     """The bricks (z, y, x) of a mask within a part of it."""
     start = [part.start or 0 for part in box_slices]
-    found = bricks_in(mask[box_slices]) + start
+    found = np.argwhere(mask[box_slices]) + start
     return [(z, y, x) for z, y, x in found.tolist()]

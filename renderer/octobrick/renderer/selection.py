@@ -5,8 +5,6 @@ lowest of the eight voxels that it is interpolated from. Brick ranges reach one 
 brick, so a brick's range covers all of its samples.
 
 Bricks are tested from the coarsest cubes of 2^k³ bricks down: what drops a cube drops its bricks.
-A level may have millions of bricks of which a view needs thousands, so what follows the descent
-looks at the box around those only, and a descent ends early where the caller has no use for more.
 """
 
 from __future__ import annotations
@@ -14,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +21,10 @@ from octobrick.codec.errors import InvalidInputError
 from octobrick.renderer.brick_ranges import BrickRanges
 from octobrick.renderer.brick_source import BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
-from octobrick.renderer.view import Size, View, box_depths_world, boxes_meet, make_view
+from octobrick.renderer.view import Size, View, box_depths_world, boxes_beside, make_view
 from octobrick.store.box import Box, Zyx, ceil_div
 
 Mask = NDArray[np.bool_]
-CUBES_AT_ONCE = 1024
-"""Tested together: numpy's cost of a call is small beside theirs, and few are tested in vain."""
-
 RangeTest = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
 """Whether any value from low to high can be seen."""
 
@@ -42,12 +38,16 @@ class Selection:
         needed: those and the neighbours that interpolation, gradients and filters reach into.
         box: voxels of the sampled bricks, clipped to the level; empty where there are none.
         counts: bricks of the level by what became of them; the reasons add up to "total".
+        part: slices of the masks, outside of which no brick is needed.
+        nneeded: how many bricks are.
     """
 
     sampled: Mask
     needed: Mask
     box: Box
     counts: dict[str, int]
+    part: tuple[slice, slice, slice]
+    nneeded: int
 
     @property
     def every_brick(self) -> tuple[slice, ...]:
@@ -64,8 +64,7 @@ def select_bricks(
     clip_planes_world: NDArray[np.float64] | None = None,
     margin_zyx: Zyx = (2, 2, 2),
     cull: bool = True,
-    at_most: int | None = None,
-) -> Selection | None:
+) -> Selection:
     """The bricks of a level that a view needs. Dropping the others changes no pixel.
 
     Args:
@@ -77,28 +76,64 @@ def select_bricks(
         clip_planes_world: (n, 4) half-spaces outside of which nothing is shown.
         margin_zyx: voxels around a sample's base that are read.
         cull: False keeps every brick: the reference that dropping is tested against.
-        at_most: sampled bricks that are of use.
-
-    Returns:
-        The bricks; None where more than `at_most` are sampled.
     """
+    total = math.prod(geometry.grid_zyx)
+    selection = select_within(
+        total,
+        geometry,
+        brick_zyx,
+        view,
+        ranges,
+        clip_planes_world=clip_planes_world,
+        margin_zyx=margin_zyx,
+        cull=cull,
+    )
+    assert selection is not None
+    return selection
+
+
+def select_within(
+    bricks_max: int,
+    geometry: SourceLevel,
+    brick_zyx: Zyx,
+    view: View,
+    ranges: Sequence[tuple[BrickRanges, RangeTest]],
+    *,
+    clip_planes_world: NDArray[np.float64] | None = None,
+    margin_zyx: Zyx = (2, 2, 2),
+    cull: bool = True,
+) -> Selection | None:
+    """What `select_bricks` gives; None as soon as more bricks than that are sampled."""
     total = math.prod(geometry.grid_zyx)
     counts = {"total": total, "frustum": 0, "clipped": 0, "transparent": 0}
     if not cull:
-        sampled = np.ones(geometry.grid_zyx, dtype=bool)
-    else:
-        planes = {"frustum": view.planes_world}
-        if clip_planes_world is not None and len(clip_planes_world):
-            planes["clipped"] = clip_planes_world
-        found = _descend(geometry, brick_zyx, planes, ranges, counts, at_most)
-        if found is None:
-            return None
-        sampled = np.zeros(geometry.grid_zyx, dtype=bool)
-        sampled[tuple(found.T)] = True
-    bricks = bounding_bricks(sampled)
-    counts["sampled"] = int(np.count_nonzero(sampled[bricks.slices]))
-    needed = dilated(sampled, brick_zyx, margin_zyx)
-    return Selection(sampled, needed, _voxels_of(bricks, geometry, brick_zyx), counts)
+        every = np.ones(geometry.grid_zyx, dtype=bool)
+        part = (slice(None), slice(None), slice(None))
+        box = Box.of_shape(geometry.shape_zyx)
+        return Selection(every, every, box, counts | {"sampled": total}, part, total)
+    planes = {"frustum": view.planes_world}
+    if clip_planes_world is not None and len(clip_planes_world):
+        planes["clipped"] = clip_planes_world
+    found = _descend(geometry, brick_zyx, planes, ranges, counts, bricks_max)
+    if found is None:
+        return None
+    sampled, needed = (np.zeros(geometry.grid_zyx, bool) for _ in range(2))
+    counts["sampled"] = len(found)
+    if not len(found):
+        nothing = (slice(0, 0), slice(0, 0), slice(0, 0))
+        return Selection(sampled, needed, Box((0, 0, 0), (0, 0, 0)), counts, nothing, 0)
+    sampled[tuple(found.T)] = True
+    low, high = found.min(axis=0), found.max(axis=0) + 1
+    sz, sy, sx = (
+        slice(max(0, int(a) - reach), min(n, int(b) + reach))
+        for a, b, n, reach in zip(
+            low, high, geometry.grid_zyx, _reach(brick_zyx, margin_zyx), strict=True
+        )
+    )
+    part = (sz, sy, sx)
+    needed[part] = dilated(sampled[part], brick_zyx, margin_zyx)
+    box = _box_of(low, high, geometry, brick_zyx)
+    return Selection(sampled, needed, box, counts, part, int(np.count_nonzero(needed[part])))
 
 
 def finest_useful_level(source: BrickSource, camera: Camera, size: Size) -> int:
@@ -132,12 +167,18 @@ def checked_level(source: BrickSource, level: int | None) -> int | None:
     return None if level is None else int(level)
 
 
-def ordered(bricks: Mask, geometry: SourceLevel, brick_zyx: Zyx, view: View) -> NDArray[np.intp]:
-    """The bricks of a mask (n, 3) as (z, y, x), front to back.
+def ordered(
+    bricks: Mask,
+    geometry: SourceLevel,
+    brick_zyx: Zyx,
+    view: View,
+    part: tuple[slice, slice, slice] = (slice(None), slice(None), slice(None)),
+) -> NDArray[np.intp]:
+    """The bricks of a part of a mask (n, 3) as (z, y, x), front to back.
 
     By slabs of bricks across the view's main axis, as they are drawn, and in each by distance.
     """
-    found = bricks_in(bricks)
+    found = np.argwhere(bricks[part]) + [axis.start or 0 for axis in part]
     if not len(found):
         return found
     low, high = brick_bounds(found, 0, geometry, brick_zyx)
@@ -165,43 +206,9 @@ def brick_bounds(
     return corner + start[:, ::-1] * spacing, corner + stop[:, ::-1] * spacing
 
 
-def bounding_bricks(mask: Mask) -> Box:
-    """The smallest box of bricks around those of a mask; empty where there are none."""
-    if not mask.any():
-        return Box((0, 0, 0), (0, 0, 0))
-    start, stop = [], []
-    by_row = np.asarray(mask.any(axis=2))  # once, as it is what takes long
-    projections = (by_row.any(axis=1), by_row.any(axis=0), mask.any(axis=(0, 1)))
-    for used in map(np.asarray, projections):
-        start.append(int(used.argmax()))
-        stop.append(len(used) - int(used[::-1].argmax()))
-    (sz, sy, sx), (ez, ey, ex) = start, stop
-    return Box((sz, sy, sx), (ez, ey, ex))
-
-
-def bricks_in(mask: Mask) -> NDArray[np.intp]:
-    """The bricks (n, 3) of a mask as (z, y, x)."""
-    box = bounding_bricks(mask)
-    return np.asarray(np.argwhere(mask[box.slices]) + box.start_zyx)
-
-
 def dilated(mask: Mask, brick_zyx: Zyx, margin_zyx: Zyx) -> Mask:
     """The mask grown by the bricks within some voxels, diagonals included."""
-    box = bounding_bricks(mask)
-    if box.nvoxels == 0:
-        return mask.copy()
-    reach = [ceil_div(margin, edge) for margin, edge in zip(margin_zyx, brick_zyx, strict=True)]
-    around = tuple(
-        slice(max(part.start - n, 0), part.stop + n)
-        for part, n in zip(box.slices, reach, strict=True)
-    )
-    grown = np.zeros_like(mask)
-    grown[around] = _grown(mask[around], reach)
-    return grown
-
-
-def _grown(mask: Mask, reach_zyx: Sequence[int]) -> Mask:
-    for axis, reach in enumerate(reach_zyx):
+    for axis, reach in enumerate(_reach(brick_zyx, margin_zyx)):
         grown = mask.copy()
         for distance in range(1, min(reach, mask.shape[axis] - 1) + 1):
             ahead, behind = [slice(None)] * 3, [slice(None)] * 3
@@ -212,70 +219,131 @@ def _grown(mask: Mask, reach_zyx: Sequence[int]) -> Mask:
     return mask
 
 
+def _reach(brick_zyx: Zyx, margin_zyx: Zyx) -> list[int]:
+    """Bricks along each axis that some voxels reach across."""
+    return [ceil_div(margin, edge) for edge, margin in zip(brick_zyx, margin_zyx, strict=True)]
+
+
+_PIECE: Final = 1024
+"""Cubes that are tested at once: their arrays stay in a core's cache, and of more bricks than are
+wanted few are looked at."""
+
+
 def _descend(
     geometry: SourceLevel,
     brick_zyx: Zyx,
     planes: dict[str, NDArray[np.float64]],
     ranges: Sequence[tuple[BrickRanges, RangeTest]],
     counts: dict[str, int],
-    at_most: int | None,
+    bricks_max: int,
 ) -> NDArray[np.intp] | None:
     """The bricks (n, 3) that pass all tests; the others are counted by the first that they fail.
 
-    Depth first, some thousand cubes at once; None as soon as there are more than `at_most`.
+    None as soon as more pass than are wanted.
     """
     grid = np.array(geometry.grid_zyx)
     top = max(0, int(grid.max() - 1).bit_length())
-    waiting = [(top, np.zeros((1, 3), np.intp))]
-    found, nfound = [np.empty((0, 3), np.intp)], 0
-    while waiting:
-        k, nodes = waiting.pop()
-        low, high = brick_bounds(nodes, k, geometry, brick_zyx)
-        for reason, half_spaces in planes.items():
-            keep = boxes_meet(half_spaces, low, high)
-            counts[reason] += _bricks_within(nodes[~keep], k, grid)
-            nodes, low, high = nodes[keep], low[keep], high[keep]
-        seen = np.zeros(len(nodes), bool)
-        at = tuple(nodes.T)
-        for tree, test in ranges:
-            seen |= test(tree.lows[k][at], tree.highs[k][at])
-        counts["transparent"] += _bricks_within(nodes[~seen], k, grid)
-        nodes = nodes[seen]
+    # Cubes to test, with whether each may reach beyond a plane: what lies within all of them
+    # needs no more tests against them, nor do its parts.
+    pending = [(top, np.zeros((1, 3), np.intp), np.ones(1, bool))]
+    found: list[NDArray[np.intp]] = []
+    nfound = 0
+    while pending:
+        k, nodes, crossing = pending.pop()
+        nodes, crossing = _in_sight(geometry, brick_zyx, planes, counts, (k, nodes, crossing))
+        nodes, crossing = _visible(geometry, ranges, counts, (k, nodes, crossing))
         if k == 0:
             found.append(nodes)
             nfound += len(nodes)
-            if at_most is not None and nfound > at_most:
+            if nfound > bricks_max:
                 return None
         elif len(nodes):
-            nodes = _children(nodes, k - 1, grid)
-            parts = range(0, len(nodes), CUBES_AT_ONCE)
-            waiting += [(k - 1, nodes[i : i + CUBES_AT_ONCE]) for i in parts]
-    return np.concatenate(found)
+            nodes, crossing = _children(nodes, crossing, k - 1, grid)
+            pending += [
+                (k - 1, nodes[i : i + _PIECE], crossing[i : i + _PIECE])
+                for i in range(0, len(nodes), _PIECE)
+            ]
+    return np.concatenate(found) if found else np.zeros((0, 3), np.intp)
+
+
+_Cubes = tuple[int, NDArray[np.intp], Mask]
+"""Cubes of 2^k bricks: k, their places (n, 3), and which of them may cross a plane."""
+
+
+def _in_sight(
+    geometry: SourceLevel,
+    brick_zyx: Zyx,
+    planes: dict[str, NDArray[np.float64]],
+    counts: dict[str, int],
+    cubes: _Cubes,
+) -> tuple[NDArray[np.intp], Mask]:
+    """Those of the cubes that reach into all half-spaces, and which of them reach out of any."""
+    k, nodes, crossing = cubes
+    at = np.flatnonzero(crossing)
+    if not len(at):
+        return nodes, crossing
+    low, high = brick_bounds(nodes[at], k, geometry, brick_zyx)
+    keep, crosses = np.ones(len(nodes), bool), np.zeros(len(at), bool)
+    for reason, half_spaces in planes.items():
+        meets, within = boxes_beside(half_spaces, low, high)
+        dropped = at[~meets]
+        counts[reason] += _bricks_within(nodes[dropped], k, np.array(geometry.grid_zyx))
+        keep[dropped] = False
+        at, low, high = at[meets], low[meets], high[meets]
+        crosses = crosses[meets] | ~within[meets]
+    crossing = np.zeros(len(nodes), bool)
+    crossing[at] = crosses
+    return nodes[keep], crossing[keep]
+
+
+def _visible(
+    geometry: SourceLevel,
+    ranges: Sequence[tuple[BrickRanges, RangeTest]],
+    counts: dict[str, int],
+    cubes: _Cubes,
+) -> tuple[NDArray[np.intp], Mask]:
+    """Those of the cubes in which any channel shows anything."""
+    k, nodes, crossing = cubes
+    if not len(nodes):
+        return nodes, crossing
+    seen = np.zeros(len(nodes), bool)
+    for tree, test in ranges:
+        _, ny, nx = tree.lows[k].shape
+        at = (nodes[:, 0] * ny + nodes[:, 1]) * nx + nodes[:, 2]
+        seen |= test(tree.lows[k].reshape(-1)[at], tree.highs[k].reshape(-1)[at])
+    counts["transparent"] += _bricks_within(nodes[~seen], k, np.array(geometry.grid_zyx))
+    return nodes[seen], crossing[seen]
 
 
 _OCTANTS = np.array(list(np.ndindex(2, 2, 2)), np.intp)
 
 
-def _children(nodes: NDArray[np.intp], k: int, grid: NDArray[np.intp]) -> NDArray[np.intp]:
+def _children(
+    nodes: NDArray[np.intp], crossing: Mask, k: int, grid: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], Mask]:
     children = (2 * nodes[:, np.newaxis] + _OCTANTS).reshape(-1, 3)
-    beyond = -(-grid >> k)
-    if (2 * nodes.max(axis=0) + 1 < beyond).all():
-        return children
-    return np.asarray(children[(children < beyond).all(axis=1)])
+    crossing = np.repeat(crossing, len(_OCTANTS))
+    count = -(-grid >> k)
+    if (2 * nodes.max(axis=0) + 1 < count).all():
+        return children, crossing
+    exist = children[:, 0] < count[0]
+    exist &= (children[:, 1] < count[1]) & (children[:, 2] < count[2])
+    return children[exist], crossing[exist]
 
 
 def _bricks_within(nodes: NDArray[np.intp], k: int, grid: NDArray[np.intp]) -> int:
     """How many bricks the cubes hold."""
-    if not len(nodes):
-        return 0
+    if k == 0 or not len(nodes):
+        return len(nodes)
     start = nodes << k
-    return int(np.prod(np.minimum(start + (1 << k), grid) - start, axis=1).sum())
+    z, y, x = (np.minimum(start + (1 << k), grid) - start).T
+    return int((z * y * x).sum())
 
 
-def _voxels_of(bricks: Box, geometry: SourceLevel, brick_zyx: Zyx) -> Box:
-    """The voxels of a box of bricks, clipped to the level."""
-    if bricks.nvoxels == 0:
-        return bricks
-    start, stop = np.array(bricks.start_zyx) * brick_zyx, np.array(bricks.stop_zyx) * brick_zyx
-    (sz, sy, sx), (ez, ey, ex) = start.tolist(), stop.tolist()
+def _box_of(
+    low: NDArray[np.intp], high: NDArray[np.intp], geometry: SourceLevel, brick_zyx: Zyx
+) -> Box:
+    """The voxels of bricks from one to before another, clipped to the level."""
+    sz, sy, sx = (int(n) * edge for n, edge in zip(low, brick_zyx, strict=True))
+    ez, ey, ex = (int(n) * edge for n, edge in zip(high, brick_zyx, strict=True))
     return Box((sz, sy, sx), (ez, ey, ex)).intersect(Box.of_shape(geometry.shape_zyx))

@@ -14,7 +14,7 @@ from octobrick.renderer.brick_source import BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
 from octobrick.renderer.frame_plan import Limits, plan_frame, working_set_nbytes
 from octobrick.renderer.render_request import make_request
-from octobrick.renderer.selection import bricks_in, finest_useful_level, ordered
+from octobrick.renderer.selection import finest_useful_level, ordered
 from octobrick.renderer.transfer_function import TransferFunction
 from octobrick.renderer.view import View
 from octobrick.store.box import Zyx
@@ -85,30 +85,33 @@ def select(
         InvalidInputError: an argument is out of its range.
     """
     request = make_request(volume, camera, transfer_function, size, **scene)
-    plan = plan_frame(request, Limits(budget_nbytes))
+    finest = finest_useful_level(volume, camera, request.size)
+    plan = plan_frame(request, Limits(budget_nbytes), finest=finest)
     geometry = volume.levels[plan.level]
-    needed = ordered(plan.selection.needed, geometry, volume.brick_shape_zyx, plan.view)
+    selection = plan.selection
+    needed = ordered(selection.needed, geometry, volume.brick_shape_zyx, plan.view, selection.part)
     wanted = needed
     if have is not None:
-        missing = [not have(plan.level, (z, y, x)) for z, y, x in needed.tolist()]
-        wanted = needed[np.array(missing, dtype=bool)]
-    sampled = plan.selection.sampled
-    shown = tuple(bricks_in(sampled).T)
+        places = needed.tolist()
+        wanted = needed[[not have(plan.level, (z, y, x)) for z, y, x in places]]
+    sampled = selection.sampled
+    sampled_part = sampled[selection.part]
     pixels = pixels_covered(wanted, geometry, volume.brick_shape_zyx, plan.view)
     errors = [
-        brick_errors(volume, plan.level, request.t, channel.c) for channel in request.channels
+        brick_errors(volume, plan.level, request.t, channel.c)[selection.part]
+        for channel in request.channels
     ]
     return WorkingSet(
         level=plan.level,
         t=request.t,
         channels=tuple(channel.c for channel in request.channels),
         directions=plan.layout.directions,
-        finest_level_wanted=finest_useful_level(volume, camera, request.size),
+        finest_level_wanted=finest,
         bricks_zyx=wanted,
         pixels=np.where(sampled[tuple(wanted.T)], pixels, pixels * MARGIN_WEIGHT),
-        counts=plan.selection.counts | {"needed": len(needed), "had": len(needed) - len(wanted)},
+        counts=selection.counts | {"needed": len(needed), "had": len(needed) - len(wanted)},
         nbytes=working_set_nbytes(request, plan),
-        max_error=max((float(e[shown].max(initial=0)) for e in errors), default=0.0),
+        max_error=max((float(e[sampled_part].max(initial=0)) for e in errors), default=0.0),
     )
 
 
@@ -124,4 +127,5 @@ def pixels_covered(
     depth = np.maximum(view.depth_world(centres), edges_world.min() / 2)
     face_world = float(np.prod(edges_world)) ** (2 / 3)
     width, height = view.size
-    return np.minimum(face_world / (base + slope * depth) ** 2, float(width) * height)
+    pixels = face_world / (base + slope * depth) ** 2
+    return np.asarray(np.minimum(pixels, float(width) * height))

@@ -1,7 +1,7 @@
-"""The catalog: the volumes of one folder, by id, as they are on disk now.
+"""The catalog: the volumes of a folder and of a list, by id, as they are on disk now.
 
 An id never becomes part of a path: it is looked up among the names that a scan of the folder
-found. So no id, however it is spelled, reaches the file system.
+found, or that the settings list. So no id, however it is spelled, reaches the file system.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import logging
 import os
 import re
 import threading
-from collections.abc import Callable, Hashable, Iterator
+import time
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -34,6 +35,12 @@ _KEPT_SUMMARIES = 64  # (level, t, c) of a volume: all of a pyramid, at some 10 
 
 # Changes whenever a volume is put in another's place: device, inode, time and size of zarr.json.
 Stamp = tuple[int, int, int, int]
+
+# A folder that has the time of the last scan is not listed again for so long: network file systems
+# keep times for some seconds, and others count them in ticks of a clock.
+_RESCAN_SECONDS = 2.0
+# A change as soon as this after another may leave the folder's time as it is.
+_CLOCK_TICK_NS = 50_000_000
 
 
 @dataclass(slots=True, eq=False)
@@ -75,19 +82,28 @@ class _Entry:
 class Catalog:
     """Finds, opens and lends the ``*.zarr`` volumes of a folder. Safe to use from any thread.
 
-    A volume that was replaced on disk is opened anew at its next use; the old one is closed when
-    its last borrower returns it. A volume that cannot be opened harms no other.
+    A volume that is put into the folder, or taken away, is seen at the next use or scan. A volume
+    that was replaced on disk is opened anew at its next use; the old one is closed when its last
+    borrower returns it. A volume that cannot be opened harms no other.
 
     Args:
-        folder: where the volumes lie; links to volumes elsewhere are followed.
+        folder: where the volumes lie; links to volumes elsewhere are followed. None for no folder.
         opener: opens one volume.
+        listed: volumes that lie elsewhere, by id; they go before those of the folder.
     """
 
-    def __init__(self, folder: Path, opener: Callable[[Path], Volume] = open_volume) -> None:
+    def __init__(
+        self,
+        folder: Path | None,
+        opener: Callable[[Path], Volume] = open_volume,
+        listed: Mapping[str, Path] | None = None,
+    ) -> None:
         self._folder = folder
         self._opener = opener
+        self._listed = dict(listed or {})
+        self._scanned: tuple[int, float] | None = None  # time of the folder; of the scan
         self._lock = threading.Lock()  # guards _entries, users and retired; not held to read
-        self._entries: dict[str, _Entry] = {}
+        self._entries = {name: _Entry(name, path) for name, path in self._listed.items()}
 
     def scan(self) -> list[str]:
         """Look at the folder again; returns the ids found, sorted.
@@ -95,7 +111,19 @@ class Catalog:
         Raises:
             ResourceError: the folder cannot be read.
         """
+        found = self._in_folder() | self._listed
+        with self._lock:
+            for volume_id in self._entries.keys() - found.keys():
+                self._retire(self._entries.pop(volume_id).open)
+            for volume_id in found.keys() - self._entries.keys():
+                self._entries[volume_id] = _Entry(volume_id, found[volume_id])
+        return sorted(found)
+
+    def _in_folder(self) -> dict[str, Path]:
+        if self._folder is None:
+            return {}
         try:
+            modified_ns = self._folder.stat().st_mtime_ns
             with os.scandir(self._folder) as items:
                 names = [item.name for item in items if item.is_dir()]
         except OSError as error:
@@ -104,17 +132,25 @@ class Catalog:
                 "name a folder that exists and can be read",
                 path=str(self._folder),
             ) from error
-        found = {
+        settled = time.time_ns() - modified_ns > _CLOCK_TICK_NS
+        self._scanned = (modified_ns, time.monotonic()) if settled else None
+        return {
             name.removesuffix(_SUFFIX): self._folder / name
             for name in names
             if name.endswith(_SUFFIX) and _ID.fullmatch(name.removesuffix(_SUFFIX))
         }
-        with self._lock:
-            for volume_id in self._entries.keys() - found.keys():
-                self._retire(self._entries.pop(volume_id).open)
-            for volume_id in found.keys() - self._entries.keys():
-                self._entries[volume_id] = _Entry(volume_id, found[volume_id])
-        return sorted(found)
+
+    def _may_have_changed(self) -> bool:
+        """Whether the folder may hold other volumes than the last scan found."""
+        if self._folder is None or self._scanned is None:
+            return self._folder is not None
+        modified_ns, when = self._scanned
+        try:
+            if self._folder.stat().st_mtime_ns != modified_ns:
+                return True
+        except OSError:
+            return True
+        return time.monotonic() - when >= _RESCAN_SECONDS
 
     @contextmanager
     def borrow(self, volume_id: str) -> Iterator[OpenVolume]:
@@ -204,7 +240,7 @@ class Catalog:
     def _entry(self, volume_id: str) -> _Entry:
         with self._lock:
             entry = self._entries.get(volume_id)
-        if entry is None and _ID.fullmatch(volume_id):
+        if entry is None and _ID.fullmatch(volume_id) and self._may_have_changed():
             self.scan()
             with self._lock:
                 entry = self._entries.get(volume_id)

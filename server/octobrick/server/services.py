@@ -66,7 +66,7 @@ class Services:
             InvalidInputError: a file of tokens or keys is not sound.
         """
         self.guard = guard_of(self.settings)
-        self.catalog = Catalog(self.settings.data_dir)
+        self.catalog = Catalog(self.settings.data_dir, listed=self.settings.volumes)
         self.catalog.scan()
         self.tables = TableCache(self.settings.table_cache_nbytes)
         self.decoded = DecodedCache(self.settings.decoded_cache_nbytes)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, StringConstraints, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+VolumeName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$")]
 
 
 class Settings(BaseSettings):
@@ -19,7 +21,14 @@ class Settings(BaseSettings):
 
     # What is served, and where
 
-    data_dir: Path = Field(description="Folder whose `*.zarr` volumes are served.")
+    data_dir: Path | None = Field(
+        default=None, description="Folder whose `*.zarr` volumes are served."
+    )
+    volumes: dict[VolumeName, Path] = Field(
+        default={},
+        description="Volumes that lie elsewhere, as a JSON object of ids and paths. One of these "
+        "two is required.",
+    )
     host: str = Field(default="127.0.0.1", description="Address to listen on.")
     port: int = Field(
         default=8000, ge=0, le=65_535, description="TCP port to listen on; 0 takes a free one."
@@ -175,3 +184,9 @@ class Settings(BaseSettings):
         default="routes",
         description="Requests that get a line; `routes` leaves out good bricks and probes.",
     )
+
+    @model_validator(mode="after")
+    def _require_volumes(self) -> Self:
+        if self.data_dir is None and not self.volumes:
+            raise ValueError("name a folder of volumes (data_dir), or list some (volumes)")
+        return self

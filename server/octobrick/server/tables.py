@@ -55,7 +55,7 @@ class Table:
     def of(cls, values: NDArray[Any]) -> Table:
         """The table of an array."""
         little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-        frame = compress(memoryview(little).cast("B"), ZSTD_LEVEL)
+        frame = compress(little.reshape(-1).view(np.uint8).data, ZSTD_LEVEL)
         return cls(frame, values.dtype.name, values.shape, little.nbytes)
 
 

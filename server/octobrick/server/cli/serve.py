@@ -24,19 +24,25 @@ _SECRETS = frozenset({"signing_key", "metrics_token"})  # never in a message
 
 @click.command()
 @click.argument(
-    "data_dir", metavar="DIR", envvar="OCTOBRICK_DATA_DIR", type=click.Path(path_type=Path)
+    "data_dir",
+    metavar="[DIR]",
+    envvar="OCTOBRICK_DATA_DIR",
+    type=click.Path(path_type=Path),
+    required=False,
 )
 @click.option("--host", help="Address to listen on.  [default: 127.0.0.1]")
 @click.option("--port", type=int, help="TCP port; 0 takes a free one.  [default: 8000]")
 @click.option("--workers", type=int, help="Processes that share the port.  [default: 1]")
 @click.option("--log-level", type=click.Choice(_LOG_LEVELS), help="[default: info]")
-def serve(data_dir: Path, **given: Any) -> None:
+def serve(data_dir: Path | None, **given: Any) -> None:
     """Serve the volumes DIR/*.zarr over HTTP until SIGTERM or Ctrl-C.
+
+    DIR may be left out where OCTOBRICK_VOLUMES lists volumes.
 
     Once requests are answered, one line with the address is printed. Everything else is a setting
     in the environment (OCTOBRICK_…, see docs/settings.md); options go before them.
     """
-    if not data_dir.is_dir():
+    if data_dir is not None and not data_dir.is_dir():
         raise InvalidInputError(
             f"{data_dir}: no such folder; name the folder that holds the *.zarr volumes",
             path=str(data_dir),
@@ -45,7 +51,7 @@ def serve(data_dir: Path, **given: Any) -> None:
     _serve(_settings(data_dir, options))
 
 
-def _settings(data_dir: Path, given: dict[str, Any]) -> Settings:
+def _settings(data_dir: Path | None, given: dict[str, Any]) -> Settings:
     try:
         from pydantic import ValidationError
 
@@ -60,7 +66,7 @@ def _settings(data_dir: Path, given: dict[str, Any]) -> Settings:
 
 def _wrong_setting(error: ValidationError) -> InvalidInputError:
     first = error.errors()[0]
-    name = ".".join(str(part) for part in first["loc"])
+    name = ".".join(str(part) for part in first["loc"]) or "data_dir"
     value = "" if name in _SECRETS else f", not {first['input']!r}"
     return InvalidInputError(f"setting {name}: {first['msg']}{value}", setting=name)
 
@@ -88,7 +94,7 @@ def _serve(settings: Settings) -> None:
     address = f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
     def announce() -> None:
-        click.echo(f"octobrick serves {settings.data_dir} at {address}")
+        click.echo(f"octobrick serves {settings.data_dir or 'volumes'} at {address}")
 
     with listener:
         if settings.workers > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import Annotated, Any, Literal
 
@@ -117,9 +118,14 @@ async def post_bricks(services: ServicesDep, volume_id: VolumeId, body: BatchBod
         stream = await asyncio.wrap_future(opening, loop=loop)
     except asyncio.CancelledError:
         # The client left while the volume was opened: it must be given back all the same.
-        opening.add_done_callback(lambda f: f.cancelled() or f.exception() or f.result().close())
+        opening.add_done_callback(_close)
         raise
     return BrickStreamResponse(stream)
+
+
+def _close(opening: Future[BrickStream]) -> None:
+    if not opening.cancelled() and opening.exception() is None:
+        opening.result().close()
 
 
 def _opened(services: Services, volume_id: str, body: BatchBody) -> BrickStream:
