@@ -180,7 +180,7 @@ def ordered(
     """
     found = np.argwhere(bricks[part]) + [axis.start or 0 for axis in part]
     if not len(found):
-        return found
+        return np.asarray(found)
     low, high = brick_bounds(found, 0, geometry, brick_zyx)
     depth = view.depth_world((low + high) / 2)
     axis_xyz = view.main_axis
