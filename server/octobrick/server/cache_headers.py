@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import re
 
-from octobrick.server.security_headers import RawHeaders
-
 _MAX_AGE = re.compile(rb"max-age=([0-9]+)")
 
 
-def keep_private(headers: RawHeaders) -> RawHeaders:
-    """The headers of an answer to a token: only the client's own cache may keep it.
+def keep_private(cache_control: bytes) -> bytes:
+    """The Cache-Control of an answer to a token: only the client's own cache may keep it.
 
     A shared cache would give it to the next caller, whose token it has not seen.
     """
-    return [
-        (name, value.replace(b"public", b"private") if name == b"cache-control" else value)
-        for name, value in headers
-    ]
+    return cache_control.replace(b"public", b"private")
 
 
-def keep_until(headers: RawHeaders, seconds_left: int) -> RawHeaders:
-    """The headers of an answer to a signed address: no cache keeps it beyond its expiry.
+def keep_until(cache_control: bytes, seconds_left: int) -> bytes:
+    """The Cache-Control of an answer to a signed address: no cache keeps it beyond its expiry.
 
     Shared caches may keep it: they find it only by the whole address, and that is the secret.
     """
@@ -29,7 +24,4 @@ def keep_until(headers: RawHeaders, seconds_left: int) -> RawHeaders:
     def shorter(match: re.Match[bytes]) -> bytes:
         return b"max-age=%d" % min(int(match[1]), max(seconds_left, 0))
 
-    return [
-        (name, _MAX_AGE.sub(shorter, value) if name == b"cache-control" else value)
-        for name, value in headers
-    ]
+    return _MAX_AGE.sub(shorter, cache_control)

@@ -10,12 +10,14 @@ import time
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from octobrick.server.access_log import AccessLog, Passed
+from octobrick.server.cache_headers import keep_private, keep_until
 from octobrick.server.error_replies import ERROR_KIND_HEADER, internal_error_reply
 from octobrick.server.gate import ClientGoneError
+from octobrick.server.guard import Access
 from octobrick.server.metrics import Metrics
 from octobrick.server.request_id import RequestIds, current_request_id
 from octobrick.server.route_label import method_label, route_label
-from octobrick.server.security_headers import RawHeaders, default_policy
+from octobrick.server.security_headers import DEFAULT_POLICY, RawHeaders
 
 
 class FrontDoor:
@@ -91,17 +93,24 @@ class _Passage:
             return
         if message["type"] == "http.response.start":
             self.status = message["status"]
-            headers = list(message.get("headers", ()))
-            for name, value in headers:
-                if name == ERROR_KIND_HEADER:
-                    self._error_kind = value
-                elif name == b"server-timing":
-                    self._timing = value
-            headers += default_policy(headers)
-            headers += self._door.headers
-            headers.append((b"x-request-id", self._id))
-            message["headers"] = headers
+            message["headers"] = self._headers(list(message.get("headers", ())))
         await self._send(message)
+
+    def _headers(self, headers: RawHeaders) -> RawHeaders:
+        """What the answer's headers become, having learned from them."""
+        policy = [DEFAULT_POLICY]
+        for i, (name, value) in enumerate(headers):
+            if name == b"cache-control":
+                access = self._scope.get("state", {}).get("access")
+                if access is not None:
+                    headers[i] = (name, _cache_control(access, value))
+            elif name == b"content-security-policy":
+                policy = []  # it has one of its own
+            elif name == b"server-timing":
+                self._timing = value
+            elif name == ERROR_KIND_HEADER:
+                self._error_kind = value
+        return [*headers, *policy, *self._door.headers, (b"x-request-id", self._id)]
 
     def finish(self) -> None:
         """Count the request, and write its line if it gets one."""
@@ -123,6 +132,12 @@ class _Passage:
                     self.status, self._nbytes, seconds, kind, cut,
                 )
             )  # fmt: skip
+
+
+def _cache_control(access: Access, value: bytes) -> bytes:
+    if access.expires_unix is None:
+        return keep_private(value)
+    return keep_until(value, access.expires_unix - int(time.time()))
 
 
 def _peer(scope: Scope) -> str:

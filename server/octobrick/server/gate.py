@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import re
-import time
 from collections import deque
 from collections.abc import Callable
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from octobrick.codec.errors import InvalidInputError, OctobrickError
-from octobrick.server.cache_headers import keep_private, keep_until
 from octobrick.server.error_replies import error_reply
 from octobrick.server.errors import AddressTooLongError, HeadersTooLongError, LimitError
-from octobrick.server.guard import Access, Guard
+from octobrick.server.guard import Guard
 from octobrick.server.settings import Settings
 
 # Octets that some layer could take for a separator or an end once they are decoded: / \ % NUL.
@@ -61,7 +59,7 @@ class Gate:
         state["access"] = access
         peer = scope.get("client")
         state["client"] = access.client if access else peer[0] if peer else "unknown"
-        await self._app(scope, receive, send if access is None else _sender(access, send))
+        await self._app(scope, receive, send)
 
     def _require_short(self, scope: Scope) -> None:
         nbytes = len(scope.get("raw_path") or b"") + len(scope["query_string"])
@@ -121,24 +119,10 @@ class Gate:
             )
 
 
-def _sender(access: Access, send: Send) -> Send:
-    """Where answers to this caller go, with what caches may do with them."""
-
-    async def send_to_caller(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            headers = list(message.get("headers", ()))
-            if access.expires_unix is None:
-                message["headers"] = keep_private(headers)
-            else:
-                seconds_left = access.expires_unix - int(time.time())
-                message["headers"] = keep_until(headers, seconds_left)
-        await send(message)
-
-    return send_to_caller
-
-
 def _require_plain_path(scope: Scope) -> None:
     raw_path = scope.get("raw_path") or b""
+    if b"%" not in raw_path and b"\\" not in raw_path:  # nearly always, and sooner known
+        return
     if _ENCODED_SEPARATOR.search(raw_path):
         raise InvalidInputError(
             "The path holds an encoded slash, backslash, percent sign or NUL; no address here does"

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 RawHeaders = list[tuple[bytes, bytes]]
 
-_POLICY = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
+# Of an answer that has none of its own: it may load nothing, and be framed by nobody.
+DEFAULT_POLICY = (b"content-security-policy", b"default-src 'none'; frame-ancestors 'none'")
 
 
 def security_headers(*, other_origins: bool) -> RawHeaders:
@@ -25,8 +26,3 @@ def security_headers(*, other_origins: bool) -> RawHeaders:
         (b"referrer-policy", b"no-referrer"),
         (b"cross-origin-resource-policy", policy),
     ]
-
-
-def default_policy(headers: RawHeaders) -> RawHeaders:
-    """The policy that lets an answer load nothing, unless it has one of its own."""
-    return [] if any(name == _POLICY[0] for name, _ in headers) else [_POLICY]
