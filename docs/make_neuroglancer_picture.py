@@ -31,7 +31,7 @@ DOCS = Path(__file__).parent
 VOXELS = DOCS.parent / "data" / "ct_vhf_head.zraw"
 SHAPE_ZYX = (234, 512, 512)
 SPACING_MM_XYZ = (0.9765625, 0.9765625, 1.0)
-SIZE = {"width": 720, "height": 400}
+WIDTH, HEIGHT = 720, 400
 SOURCES = ("precomputed://{url}/precomputed/head", "zarr3://{url}/zarr/head")
 # WebGL 2 without a screen: by EGL on any GPU, or on Mesa.
 FLAGS = [
@@ -73,7 +73,7 @@ def make_volume(folder: Path) -> None:
     """Ingest the head from a file that names its unit, which MetaImage does not."""
     voxels = np.frombuffer(zlib.decompress(VOXELS.read_bytes()), np.uint8).reshape(SHAPE_ZYX)
     sizes = dict(zip(("X", "Y", "Z"), SPACING_MM_XYZ, strict=True))
-    metadata = {f"PhysicalSize{axis}": size for axis, size in sizes.items()}
+    metadata: dict[str, Any] = {f"PhysicalSize{axis}": size for axis, size in sizes.items()}
     metadata |= {f"PhysicalSize{axis}Unit": "mm" for axis in sizes}
     tifffile.imwrite(folder / "head.ome.tif", voxels, metadata=metadata | {"axes": "ZYX"})
     ingest(folder / "head.ome.tif", folder / "head.zarr")
@@ -122,7 +122,7 @@ def main(out: Path) -> int:
         browser = playwright.chromium.launch(
             executable_path=os.environ.get("CHROMIUM", "/usr/bin/chromium"), args=FLAGS
         )
-        page = browser.new_page(viewport=SIZE)
+        page = browser.new_page(viewport={"width": WIDTH, "height": HEIGHT})
         with serving(folder) as url:
             views = [picture_of(page, viewer_of(source.format(url=url))) for source in SOURCES]
         browser.close()
