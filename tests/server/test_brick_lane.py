@@ -112,7 +112,7 @@ def test_requests_in_one_packet_are_answered_in_their_order(
     lane = DirectLane(services, lambda _: b"")
     bricks = [(1, 0, 2), (1, 0, 1), (0, 0, 0), (2, 2, 3)]
     lines = [f"GET {base}/bricks/0/0/0/{z}/{y}/{x} HTTP/1.1\r\nHost: x\r\n" for z, y, x in bricks]
-    lines[1] = f"GET /healthz HTTP/1.1\r\nHost: x\r\n"
+    lines[1] = "GET /healthz HTTP/1.1\r\nHost: x\r\n"
     lines[3] += "Connection: close\r\n"
     with served(app, lane) as origin:
         host, port = origin.removeprefix("http://").split(":")
@@ -121,7 +121,8 @@ def test_requests_in_one_packet_are_answered_in_their_order(
                 connection.sendall("\r\n".join([*lines, ""]).encode())
                 received = b"".join(iter(lambda: connection.recv(1 << 16), b""))
             first, last = (head.brick_code(0, bricks[i]) for i in (0, 2))
-            assert first is not None and last is not None
+            assert first is not None
+            assert last is not None
             assert 0 < received.index(first) < received.index(b"ok") < received.index(last)
             assert received.count(b"HTTP/1.1 20") == 4
             assert b"connection: close" in received
@@ -247,9 +248,7 @@ def test_every_brick_read_while_volumes_are_swapped_is_of_its_revision(
         for i in range(300):
             revision = list(bytes_of)[i % 2]
             headers = {"accept-encoding": "zstd" if i % 3 else "gzip"}
-            reply = client.get(
-                f"/v1/volumes/head/{revision}/bricks/0/0/0/1/0/2", headers=headers
-            )
+            reply = client.get(f"/v1/volumes/head/{revision}/bricks/0/0/0/1/0/2", headers=headers)
             statuses.add(reply.status_code)
             if reply.status_code == 200:
                 assert reply.content == bytes_of[revision]
@@ -272,9 +271,7 @@ def test_gradients_are_served_as_they_are_stored(client: Any, base: str, head: V
     assert client.get(f"{base}/gradients/1/0/0/0/1/1").content == reply.content
 
 
-def test_a_level_without_gradients_is_404(
-    client: Any, base: str, error_of: ErrorOf
-) -> None:
+def test_a_level_without_gradients_is_404(client: Any, base: str, error_of: ErrorOf) -> None:
     error = error_of(client.get(f"{base}/gradients/0/0/0/0/0/0"))
     assert error["kind"] == "brick-not-found"
     assert error["facts"] == {"level": 0, "levels": [1, 2]}

@@ -80,9 +80,7 @@ def parse_brick_path(path: str) -> BrickAddress | None:
 
 async def _send(reply: Reply, method: str, send: Send) -> None:
     body = b"" if method == "HEAD" else reply.body
-    await send(
-        {"type": "http.response.start", "status": reply.status, "headers": reply.headers}
-    )
+    await send({"type": "http.response.start", "status": reply.status, "headers": reply.headers})
     await send({"type": "http.response.body", "body": body})
 
 

@@ -24,7 +24,7 @@ from octobrick.server.services import Services
 Admit = Callable[[Scope], bytes | None]
 Note = Callable[[Scope, int, int], None]
 
-# A request that has one of these has a body, wants another protocol, or an answer with more headers.
+# With one of these a request has a body, wants another protocol, or more headers in the answer.
 _NEEDS_THE_APPLICATION = frozenset(
     (b"content-length", b"transfer-encoding", b"expect", b"upgrade", b"origin")
 )
@@ -35,7 +35,7 @@ _STATUS_LINES = {
 
 
 class DirectAnswer(NamedTuple):
-    """An answer as it goes out: everything up to the empty line, but for the server's own headers."""
+    """An answer as it goes out: the head, but for the server's own headers, and the body."""
 
     head: bytes
     body: Content
@@ -47,7 +47,7 @@ class DirectLane:
     Args:
         services: open before the first request comes.
         admit: what stands before the application, for a request that it would let pass: the
-            lines of headers that it adds to the answer; None where the application has to see the request.
+            lines of headers that it adds to the answer; None where the application has to see it.
         note: told of each answer: request, status, bytes of body.
     """
 
@@ -83,7 +83,7 @@ class DirectLane:
 
 
 def direct_protocol(lane: DirectLane) -> type[HttpToolsProtocol]:
-    """uvicorn's HTTP protocol with a direct lane, for the ``http`` of ``uvicorn.Config``."""
+    """Uvicorn's HTTP protocol with a direct lane, for the ``http`` of ``uvicorn.Config``."""
 
     class DirectProtocol(HttpToolsProtocol):
         def _start_asgi_task(self, cycle: Any, app: Any) -> None:

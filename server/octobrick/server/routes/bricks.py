@@ -11,7 +11,7 @@ from octobrick.server.brick_reply import BrickAddress, BrickKind, Reply
 from octobrick.server.catalog import unknown_volume
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
 from octobrick.server.routes.shared import EXAMPLE_REVISION, Revision, VolumeId, documented
-from octobrick.server.services import ServicesDep, Services
+from octobrick.server.services import Services, ServicesDep
 
 router = APIRouter(prefix="/v1", tags=["bricks"])
 
