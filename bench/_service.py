@@ -1,6 +1,6 @@
 """Servers that benchmarks of the service start: octobrick under several servers, and nginx.
 
-    python bench/_service.py SERVER WORKERS PORT    (settings from the environment)
+python bench/_service.py SERVER WORKERS PORT    (settings from the environment)
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def nginx(root: Path, workers: int, folder: Path) -> Iterator[tuple[int, int]]:
 
 @contextmanager
 def octobrick(data_dir: Path, workers: int, server: str) -> Iterator[tuple[int, int]]:
-    """octobrick with so many workers; its port and process.
+    """Octobrick with so many workers; its port and process.
 
     `direct` is `octobrick serve`; the others have the application alone under a server.
     """
@@ -88,7 +88,7 @@ def application() -> Any:
     """The application, with settings from the environment."""
     from octobrick.server import Settings, create_app
 
-    return create_app(Settings())
+    return create_app(Settings())  # type: ignore[call-arg]
 
 
 @contextmanager
@@ -122,7 +122,7 @@ def _wait(process: subprocess.Popen[bytes], url: str) -> None:
 
 
 def _serve(server: str, workers: int, port: int) -> None:
-    """uvicorn as `octobrick serve` starts it, in several processes on one socket."""
+    """Uvicorn as `octobrick serve` starts it, in several processes on one socket."""
     import uvicorn
 
     from octobrick.server.brick_headers import header_lines
@@ -133,7 +133,8 @@ def _serve(server: str, workers: int, port: int) -> None:
     for _ in range(workers - 1):
         if os.fork() == 0:
             break
-    app, http = application(), "httptools"
+    app = application()
+    http: Any = "httptools"
     if server == "direct":
         added = header_lines(ADDED_HEADERS)
         http = direct_protocol(DirectLane(app.state.services, admit=lambda _: added))

@@ -40,9 +40,8 @@ wrk.headers["Accept-Encoding"] = "zstd"
 init = function(args)
   for i, path in ipairs(paths) do
     if args[1] == "304" then
-      local revision, l, t, c, z, y, x = path:match("/(%%x+)/bricks/(%%d+)/(%%d+)/(%%d+)/(%%d+)/(%%d+)/(%%d+)")
-      wrk.headers["If-None-Match"] =
-        '"' .. revision .. "-" .. table.concat({l, t, c, z, y, x}, ".") .. '-zstd"'
+      local revision, brick = path:match("/(%%x+)/bricks/(.+)$")
+      wrk.headers["If-None-Match"] = '"' .. revision .. "-" .. brick:gsub("/", ".") .. '-zstd"'
     end
     requests[i] = wrk.format("GET", path)
   end
@@ -51,7 +50,8 @@ request = function() n = n %% #requests + 1; return requests[n] end
 done = function(summary, latency)
   local e = summary.errors
   print(string.format(
-    'RESULT {"requests": %%d, "microseconds": %%d, "nbytes": %%d, "p50": %%d, "p99": %%d, "errors": %%d}',
+    'RESULT {"requests": %%d, "microseconds": %%d, "nbytes": %%d, "p50": %%d, "p99": %%d, ' ..
+    '"errors": %%d}',
     summary.requests, summary.duration, summary.bytes, latency:percentile(50),
     latency:percentile(99), e.connect + e.read + e.write + e.status + e.timeout))
 end
@@ -85,8 +85,8 @@ def wrk(script: Path, port: int, seconds: int, *arguments: str) -> dict[str, flo
     """One run: requests a second, milliseconds of latency."""
     # fmt: off
     command = [
-        _service.require("wrk", "wrk"), "-t1", f"-c{CONNECTIONS}", f"-d{seconds}s", "-s", str(script),
-        f"http://127.0.0.1:{port}", "--", *arguments,
+        _service.require("wrk", "wrk"), "-t1", f"-c{CONNECTIONS}", f"-d{seconds}s",
+        "-s", str(script), f"http://127.0.0.1:{port}", "--", *arguments,
     ]
     # fmt: on
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
@@ -166,8 +166,7 @@ async def sample(port: int, pid: int, paths: list[str], seconds: int) -> dict[st
     until = asyncio.Event()
     before = rss_nbytes(pid)
     readers = [
-        asyncio.create_task(read_slowly(port, paths[i % len(paths)], until))
-        for i in range(READERS)
+        asyncio.create_task(read_slowly(port, paths[i % len(paths)], until)) for i in range(READERS)
     ]
     rss = []
     for _ in range(seconds):
@@ -218,9 +217,7 @@ def run(_data: Path, quick: bool) -> dict[str, Any]:
         return {
             "rounds": rounds,
             "seconds": seconds,
-            "workers": {
-                str(n): throughput(folder, n, rounds, seconds) for n in (1, 2)
-            },
+            "workers": {str(n): throughput(folder, n, rounds, seconds) for n in (1, 2)},
             "slow_readers": slow_readers(folder, paths, 8 if quick else 30),
         }
 

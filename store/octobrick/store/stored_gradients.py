@@ -81,7 +81,7 @@ class StoredGradients:
         return self._shards[level].read(zyx, t, c)
 
     def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
-        """The same from memory; BlockingIOError where `stored_brick` would have to wait, or fail."""
+        """The same from memory; BlockingIOError where `stored_brick` would have to wait or fail."""
         self._require(level, zyx)
         return self._shards[level].read_now(zyx, t, c)
 

@@ -226,7 +226,7 @@ class Volume:
         return self._shards[level].nbytes_of(bricks_zyx, t, c)
 
     def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
-        """The same from memory; BlockingIOError where `stored_brick` would have to wait, or fail."""
+        """The same from memory; BlockingIOError where `stored_brick` would have to wait or fail."""
         self._require_brick(level, zyx, t, c)
         return self._shards[level].read_now(zyx, t, c)
 
