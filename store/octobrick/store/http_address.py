@@ -61,6 +61,11 @@ class VolumeAddress:
         return f"{self.volume_path}/{revision}/{route}/{level}/{t}/{c}/{z}/{y}/{x}"
 
 
+def is_volume_address(text: str) -> bool:
+    """Whether an address looks like that of a volume on an octobrick server."""
+    return re.match(r"https?://[^?#]*/v1/volumes/", text) is not None
+
+
 def volume_address(text: str) -> VolumeAddress:
     """The address that a caller names.
 
