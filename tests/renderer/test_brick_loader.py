@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from octobrick.codec.errors import CorruptBrickError, InvalidInputError
+from octobrick.codec.errors import CorruptBrickError, InvalidInputError, ResourceError
 from octobrick.renderer.brick_loader import PENDING, BrickLoader
 from octobrick.renderer.brick_request import BrickAddress, BrickRequest
 from octobrick.renderer.load_queue import ENTRY_NBYTES, LoadQueue, Outcome
@@ -191,6 +191,115 @@ def test_closing_ends_the_threads_drops_wishes_and_wakes_who_waits(source: FakeS
         loader.take(source.request(1))
 
 
+class BatchingSource(FakeSource):
+    """Gives many at once; a batch stops before brick 0 until it is released or closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.batches: list[list[int]] = []
+        self.closed: list[list[int]] = []
+
+    def brick_codes(self, places: Sequence[tuple[int, Zyx, int, int]]) -> FakeBatch:
+        self.batches.append([zyx[2] for _, zyx, _, _ in places])
+        return FakeBatch(self, self.batches[-1])
+
+
+class FakeBatch:
+    def __init__(self, source: BatchingSource, numbers: list[int]) -> None:
+        self.source, self.numbers, self.stopped = source, numbers, threading.Event()
+
+    def close(self) -> None:
+        self.source.closed.append(self.numbers)
+        self.stopped.set()
+
+    def __iter__(self) -> Iterator[tuple[int, bytes | Exception | None]]:
+        for place, number in enumerate(self.numbers):
+            if number == 0:
+                self.source.begun.set()
+                while not (self.source.release.is_set() or self.stopped.wait(0.001)):
+                    pass
+            if self.stopped.is_set():
+                return
+            if number == 66:
+                raise ResourceError("the line is down")
+            broken = number in self.source.broken
+            yield place, CorruptBrickError(f"brick {number}") if broken else bytes([number] * 10)
+
+
+def test_a_source_of_batches_is_asked_once_for_all_and_in_order() -> None:
+    source, other = BatchingSource(), BatchingSource()
+    source.release.set()
+    mixed = [*source.requests(3, 1, 2), *other.requests(9), *source.requests(4)]
+    mixed[3] = BrickRequest(BrickAddress("other", "voxels", 0, 0, 0, (0, 0, 9)), other)
+    with BrickLoader(threads=3) as loader:
+        loader.want(mixed)
+        wait_until(loader, lambda: loader._queue.nbytes == 5 * 138)
+        assert loader.take(mixed[0], wait=False) == bytes([3] * 10)
+    assert source.batches == [[3, 1, 2, 4]]
+    assert other.batches == [[9]]
+    assert source.reads == []
+
+
+def test_a_new_view_ends_a_batch_that_it_does_not_want_and_asks_for_its_own() -> None:
+    source = BatchingSource()
+    with BrickLoader(threads=2) as loader:
+        loader.want(source.requests(5, 0, 1, 2, 3))
+        assert source.begun.wait(TIMEOUT_SECONDS)
+        loader.want(source.requests(7, 3))
+        wait_until(loader, lambda: loader._queue.nbytes == 3 * 138)
+        assert loader.take(source.request(7), wait=False) == bytes([7] * 10)
+        assert loader.stats.cancelled == 3
+    assert source.batches == [[5, 0, 1, 2, 3], [7, 3]] or source.batches[1:] == [[3, 7]]
+    assert source.closed[0] == [5, 0, 1, 2, 3]
+
+
+def test_a_batch_that_the_next_view_wants_too_goes_on() -> None:
+    source = BatchingSource()
+    with BrickLoader(threads=2) as loader:
+        loader.want(source.requests(5, 0, 1, 2))
+        assert source.begun.wait(TIMEOUT_SECONDS)
+        loader.want(())
+        loader.want(source.requests(0, 1, 2, 8), keep=True)
+        source.release.set()
+        wait_until(loader, lambda: loader._queue.nbytes == 5 * 138)
+    assert source.batches == [[5, 0, 1, 2], [8]]
+
+
+def test_urgent_bricks_do_not_wait_for_a_batch_read_ahead() -> None:
+    source = BatchingSource()
+    with BrickLoader(threads=2) as loader:
+        loader.prefetch(source.requests(0, 1))
+        assert source.begun.wait(TIMEOUT_SECONDS)
+        loader.urge(source.requests(4, 6))
+        wait_until(loader, lambda: loader._queue.nbytes == 2 * 138)
+        source.release.set()
+        wait_until(loader, lambda: loader._queue.nbytes == 4 * 138)
+    assert source.batches == [[0, 1], [4, 6], [0, 1]]
+
+
+def test_errors_of_one_brick_and_of_the_whole_batch_reach_their_takers() -> None:
+    source = BatchingSource()
+    source.broken = {2}
+    source.release.set()
+    with BrickLoader(threads=1) as loader:
+        loader.want(source.requests(1, 2, 3, 66, 5))
+        wait_until(loader, lambda: loader._queue.idle)
+        assert loader.take(source.request(3)) == bytes([3] * 10)
+        with pytest.raises(CorruptBrickError, match="brick 2"):
+            loader.take(source.request(2))
+        with pytest.raises(ResourceError, match="down"):
+            loader.take(source.request(5))
+
+
+def test_closing_ends_a_batch_that_hangs() -> None:
+    source = BatchingSource()
+    loader = BrickLoader(threads=2)
+    loader.want(source.requests(1, 0, 2))
+    assert source.begun.wait(TIMEOUT_SECONDS)
+    loader.close()
+    assert not any(thread.is_alive() for thread in loader._threads)
+
+
 numbers = st.lists(st.integers(0, 7), max_size=6, unique=True)
 
 
@@ -235,6 +344,24 @@ class QueueMachine(RuleBasedStateMachine):
         left = [n for n in self.wanted if n not in under_way and not self.is_here(n)]
         assert number == left[0] if left else True
         self.reading.append(request)
+
+    @rule(count=st.integers(1, 4))
+    def begin_many(self, count: int) -> None:
+        first = self.queue.begin()
+        if first is not None:
+            begun = self.queue.begin_like(first, count, lambda _: True)
+            assert begun[0] is first
+            assert len(begun) <= count
+            self.reading += begun
+
+    @rule()
+    def give_back(self) -> None:
+        self.queue.give_back(self.reading)
+        given = [r.address.zyx[2] for r in self.reading if self.queue.is_wanted(r.address)]
+        self.reading = []
+        here = [r.address.zyx[2] for r in self.queue._wanted.values()]
+        assert set(given) <= set(here)
+        self.wanted = here
 
     @rule(nbytes=st.sampled_from([0, 10, 40, 10_000]), which=st.integers(0, 7))
     def end(self, nbytes: int, which: int) -> None:

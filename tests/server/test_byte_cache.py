@@ -28,10 +28,10 @@ def test_a_kept_value_is_not_made_again_even_where_it_is_none() -> None:
     assert cache.stats() == {
         "nbytes": 2 * ENTRY_NBYTES + 1,
         "entries": 2,
-        "hits": 2,
-        "misses": 2,
-        "joined": 0,
-        "evictions": 0,
+        "hits_total": 2,
+        "misses_total": 2,
+        "joined_total": 0,
+        "evictions_total": 0,
     }
 
 
@@ -79,7 +79,7 @@ def test_many_who_ask_at_once_get_one_making() -> None:
 
     with ThreadPoolExecutor(8) as threads:
         answers = [threads.submit(cache.get, "a", make) for _ in range(8)]
-        while cache.stats()["joined"] < 7:
+        while cache.stats()["joined_total"] < 7:
             threading.Event().wait(0.001)
         assert cache.get("b", lambda: b"B") == b"B"  # nobody else waits meanwhile
         all_wait.set()
@@ -97,7 +97,7 @@ def test_an_error_reaches_all_who_wait_and_is_not_kept() -> None:
 
     with ThreadPoolExecutor(2) as threads:
         answers = [threads.submit(cache.get, "a", make) for _ in range(2)]
-        while cache.stats()["joined"] < 1:
+        while cache.stats()["joined_total"] < 1:
             threading.Event().wait(0.001)
         one_waits.set()
         for answer in answers:

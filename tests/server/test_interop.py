@@ -24,7 +24,7 @@ def test_a_chunk_is_made_once_and_a_lossless_one_never(client: Any) -> None:
     for _ in range(2):
         assert client.get(CHUNK).status_code == 200
         assert client.get(CHUNK.replace("head", "exact")).status_code == 200
-    assert (stats()["misses"], stats()["hits"]) == (1, 1)
+    assert (stats()["misses_total"], stats()["hits_total"]) == (1, 1)
 
 
 def test_a_chunk_is_that_of_the_volume_that_is_there_now(

@@ -125,14 +125,14 @@ def test_a_crash_costs_its_own_picture_alone_and_the_next_has_a_fresh_process(
     pool: RenderPool, name: str
 ) -> None:
     first = Asked(pool, "picture").pid()
-    before = pool.stats()["crashed"]
+    before = pool.stats()["crashed_total"]
     crashed, waiting = Asked(pool, "die", name), Asked(pool, "picture")
     error = crashed.next()
     assert isinstance(error, RenderCrashedError)
     assert error.facts == {"how": name}
     assert waiting.pid() != first
     assert not is_alive(first)
-    assert pool.stats()["crashed"] == before + 1
+    assert pool.stats()["crashed_total"] == before + 1
 
 
 def test_a_worker_that_died_between_pictures_costs_none(pool: RenderPool) -> None:
@@ -156,7 +156,7 @@ def test_a_hang_is_a_timeout_and_its_process_is_gone() -> None:
         assert isinstance(error, RenderTimeoutError)
         assert error.facts["limit"] == 0.5
         assert not is_alive(workers[0].pid)
-        assert pool.stats()["timed_out"] == 1
+        assert pool.stats()["timed_out_total"] == 1
     finally:
         pool.close(0)
 
@@ -226,7 +226,7 @@ def test_a_full_queue_refuses_and_what_waits_is_answered(
     with pytest.raises(BusyError, match="3 pictures wait") as refused:
         Asked(pool, "picture", client="c")
     assert refused.value.facts["limit_name"] == "render_queue_length"
-    assert (pool.stats()["waiting"], pool.stats()["refused"]) == (3, 2)
+    assert (pool.stats()["waiting"], pool.stats()["refused_total"]) == (3, 2)
     os.kill(int((tmp_path / "begun").read_text()), signal.SIGKILL)
     assert isinstance(running.next(), RenderCrashedError)
     assert all(asked.pid() for asked in waiting)
@@ -248,7 +248,7 @@ def test_clients_take_turns_each_in_its_own_order() -> None:
 
 
 def test_a_job_stopped_while_it_waits_is_not_begun(pool: RenderPool, tmp_path: Path) -> None:
-    before = pool.stats()["stopped"]
+    before = pool.stats()["stopped_total"]
     running = Asked(pool, "until stopped")
     assert running.next().body
     given_up = Asked(pool, "hang", str(tmp_path / "begun"))
@@ -259,7 +259,7 @@ def test_a_job_stopped_while_it_waits_is_not_begun(pool: RenderPool, tmp_path: P
     assert not (tmp_path / "begun").exists()
     assert running.events.empty()
     assert given_up.events.empty()
-    assert pool.stats()["stopped"] == before + 2
+    assert pool.stats()["stopped_total"] == before + 2
 
 
 def test_closing_answers_what_waits_and_kills_what_does_not_end(

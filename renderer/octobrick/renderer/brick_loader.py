@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final, Literal, Self
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.renderer.brick_request import BrickAddress, BrickRequest
+from octobrick.renderer.load_batch import BATCH_MAX, LoadBatch, comes_in_batches
 from octobrick.renderer.load_queue import LoadQueue, Outcome
 
 CLOSE_SECONDS: Final = 10.0
@@ -61,6 +62,7 @@ class BrickLoader:
         self._queue = LoadQueue(budget_nbytes)
         self._changed = threading.Condition()
         self._closed = False
+        self._batches: list[LoadBatch] = []  # one of a source at most
         self._read_nbytes = 0
         self._threads = [
             threading.Thread(target=self._work, name=f"octobrick-loader-{i}", daemon=True)
@@ -83,14 +85,19 @@ class BrickLoader:
         Args:
             keep: these are of the same view, and come behind those that it wants already.
         """
+        wishes = list(requests)
         with self._changed:
-            self._queue.want(requests, keep=keep)
+            self._queue.want(wishes, keep=keep)
+            self._close_batches(wishes, self._queue.is_wanted)
             self._changed.notify_all()
 
     def urge(self, requests: Iterable[BrickRequest]) -> None:
         """Put bricks of the present view before all others."""
+        wishes = list(requests)
+        urged = {request.address for request in wishes}
         with self._changed:
-            self._queue.urge(requests)
+            self._queue.urge(wishes)
+            self._close_batches(wishes, urged.__contains__)
             self._changed.notify_all()
 
     def prefetch(self, requests: Iterable[BrickRequest]) -> None:
@@ -166,6 +173,8 @@ class BrickLoader:
         with self._changed:
             self._closed = True
             self._queue.clear()
+            for batch in self._batches:
+                batch.close()
             self._changed.notify_all()
         deadline = time.monotonic() + timeout_seconds
         for thread in self._threads:
@@ -201,25 +210,86 @@ class BrickLoader:
                 self._changed.notify_all()
         return code
 
-    def _work(self) -> None:
-        while (request := self._next()) is not None:
-            try:
-                outcome = Outcome(request.read())
-            except Exception as error:  # whatever a source raises, its taker gets
-                outcome = Outcome(error=error)
-            with self._changed:
-                self._read_nbytes += len(outcome.code or b"")
-                if not self._closed:
-                    self._queue.end(request.address, outcome)
-                self._changed.notify_all()
-            del request, outcome  # what is not kept is not kept by an idle thread
+    def _close_batches(
+        self, wishes: Iterable[BrickRequest], useful: Callable[[BrickAddress], bool]
+    ) -> None:
+        """End what stands in the way of new wishes; to be called with the lock.
 
-    def _next(self) -> BrickRequest | None:
+        A batch does where they have to wait for it, and most of what it still brings is not what
+        they ask for. What is wanted of it is asked for again, behind them.
+        """
+        waiting = [r for r in wishes if self._queue.is_unread(r.address)]
+        for batch in self._batches:
+            if any(r.source is batch.source for r in waiting):
+                nuseful = sum(map(useful, batch.left))
+                if 2 * nuseful < len(batch.left):
+                    batch.close()
+
+    def _work(self) -> None:
+        while (work := self._next()) is not None:
+            if isinstance(work, LoadBatch):
+                self._read_batch(work)
+            else:
+                self._read_one(work)
+            del work  # what is not kept is not kept by an idle thread
+
+    def _read_one(self, request: BrickRequest) -> None:
+        try:
+            outcome = Outcome(request.read())
+        except Exception as error:  # whatever a source raises, its taker gets
+            outcome = Outcome(error=error)
+        self._end(request, outcome)
+
+    def _end(self, request: BrickRequest, outcome: Outcome) -> None:
+        with self._changed:
+            self._read_nbytes += len(outcome.code or b"")
+            if not self._closed:
+                self._queue.end(request.address, outcome)
+            self._changed.notify_all()
+
+    def _read_batch(self, work: LoadBatch) -> None:
+        failure: Exception | None = None
+        try:
+            batch = work.begin()
+            if work.closed:  # meanwhile
+                batch.close()
+            for request, outcome in work.outcomes(batch):
+                with self._changed:
+                    del work.left[request.address]
+                self._end(request, outcome)
+            failure = InvalidInputError(
+                "the source of a batch gave fewer bricks than were asked for"
+            )
+        except Exception as error:  # whatever a source raises, its takers get
+            failure = error
+        with self._changed:
+            self._batches.remove(work)
+            if not self._closed:
+                if work.closed:
+                    self._queue.give_back(work.left.values())
+                else:
+                    for address in work.left:
+                        self._queue.end(address, Outcome(error=failure))
+            self._changed.notify_all()
+
+    def _next(self) -> BrickRequest | LoadBatch | None:
         """The next to read, when there is one; None when the loader is closed."""
         with self._changed:
             while not self._closed:
-                request = self._queue.begin()
+                request = self._queue.begin(self._is_free)
                 if request is not None:
-                    return request
+                    return self._batch_of(request) if comes_in_batches(request) else request
                 self._changed.wait()
             return None
+
+    def _is_free(self, request: BrickRequest) -> bool:
+        """Whether no batch of its source is under way, behind which it has to wait."""
+        return not any(batch.source is request.source for batch in self._batches)
+
+    def _batch_of(self, request: BrickRequest) -> LoadBatch:
+        def alike(other: BrickRequest) -> bool:
+            return other.source is request.source and other.address.kind == request.address.kind
+
+        batch = LoadBatch(request.source, self._queue.begin_like(request, BATCH_MAX, alike))
+        self._batches.append(batch)
+        return batch

@@ -6,7 +6,7 @@ and so does the in-memory source of the tests. The renderer never imports any of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -117,6 +117,24 @@ class BrickSource(Protocol):
 
     def fidelity(self, level: int, t: int = 0, c: int = 0) -> NDArray[Any]:
         """Largest error and RMSE per brick of decoded against original: (nz, ny, nx, 2)."""
+
+
+class BrickBatch(Protocol):
+    """Many bricks of one source on their way, in the order asked for but for those at hand."""
+
+    def __iter__(self) -> Iterator[tuple[int, bytes | Exception | None]]:
+        """Place in the list and code, or the error of that brick alone, each once it is here."""
+
+    def close(self) -> None:
+        """Give no more. From any thread; wakes the one that waits, and never waits itself."""
+
+
+@runtime_checkable
+class BatchSource(Protocol):
+    """What a source, of voxels or of directions, has where many bricks at once come faster."""
+
+    def brick_codes(self, places: Sequence[tuple[int, Zyx, int, int]]) -> BrickBatch:
+        """The codes of bricks by (level, (z, y, x), t, c), most urgent first."""
 
 
 class GradientSource(Protocol):

@@ -28,6 +28,8 @@ class DecodedBricks:
         self.revision = f"{volume.revision} decoded"  # other bytes under the same addresses
 
     def __getattr__(self, name: str) -> Any:
+        if name == "brick_codes":  # these are decoded one by one
+            raise AttributeError(name)
         return getattr(self._volume, name)
 
     def level_codec(self, level: int) -> object:

@@ -8,7 +8,7 @@ wanted ones, the oldest first. Nothing is read that would then have no room.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final
@@ -68,6 +68,7 @@ class LoadQueue:
         self._ready: OrderedDict[BrickAddress, _Ready] = OrderedDict()  # oldest first
         self._under_way: dict[BrickAddress, bool] = {}  # whether it is for the queue
         self._awaited: dict[BrickAddress, int] = {}
+        self._urged: tuple[BrickAddress, ...] = ()  # last; stay before what is given back
         self._largest_nbytes = ENTRY_NBYTES
         self.nbytes = 0
         """Of what was read and not taken."""
@@ -94,6 +95,7 @@ class LoadQueue:
             self.ncancelled += sum(address not in wishes for address in self._wanted)
             self._demote(Rank.WANTED, wishes)
             self._wanted = self._unread(wishes)
+            self._urged = ()
         for address in self._wanted:
             self._ahead.pop(address, None)
 
@@ -103,6 +105,7 @@ class LoadQueue:
         self._ranks.update(dict.fromkeys(wishes, Rank.WANTED))
         self._rank_ready()
         first = self._unread(wishes)
+        self._urged = tuple(first)
         self._wanted = first | {a: r for a, r in self._wanted.items() if a not in first}
         for address in first:
             self._ahead.pop(address, None)
@@ -113,15 +116,66 @@ class LoadQueue:
         self._demote(Rank.AHEAD, wishes)
         self._ahead = self._unread(wishes)
 
-    def begin(self) -> BrickRequest | None:
-        """The next to be read, now under way; None where nothing is left or has room."""
+    def begin(self, may: Callable[[BrickRequest], bool] | None = None) -> BrickRequest | None:
+        """The next to be read, now under way; None where nothing is left or has room.
+
+        Args:
+            may: whether a request may be begun; the next that may is taken.
+        """
         wishes, rank = (self._wanted, Rank.WANTED) if self._wanted else (self._ahead, Rank.AHEAD)
+        request = next((r for r in wishes.values() if may is None or may(r)), None)
         nunder_way = sum(self._under_way.values())
-        if not wishes or not self._make_room((nunder_way + 1) * self._largest_nbytes, rank):
+        if request is None or not self._make_room((nunder_way + 1) * self._largest_nbytes, rank):
             return None
-        request = wishes.pop(next(iter(wishes)))
+        del wishes[request.address]
         self._under_way[request.address] = True
         return request
+
+    def begin_like(
+        self, first: BrickRequest, count_max: int, alike: Callable[[BrickRequest], bool]
+    ) -> list[BrickRequest]:
+        """What can be read together with a request that was begun, most urgent first, itself too.
+
+        Args:
+            first: begun already.
+            count_max: of all of them.
+            alike: whether a request can be read with it.
+        """
+        begun = [first]
+        wishes, rank = (self._wanted, Rank.WANTED) if self._wanted else (self._ahead, Rank.AHEAD)
+        for request in [r for r in wishes.values() if alike(r)][: count_max - 1]:
+            nunder_way = sum(self._under_way.values())
+            if not self._make_room((nunder_way + 1) * self._largest_nbytes, rank):
+                break
+            begun.append(wishes.pop(request.address))
+            self._under_way[request.address] = True
+        return begun
+
+    def give_back(self, requests: Iterable[BrickRequest]) -> None:
+        """What was under way is not read after all: wished for as before, before all others."""
+        wanted: dict[BrickAddress, BrickRequest] = {}
+        ahead: dict[BrickAddress, BrickRequest] = {}
+        for request in requests:
+            address = request.address
+            del self._under_way[address]
+            match self._ranks.get(address, Rank.STALE):
+                case Rank.WANTED:
+                    wanted[address] = request
+                case Rank.AHEAD:
+                    ahead[address] = request
+                case _:
+                    self.ncancelled += 1
+        first = {a: self._wanted[a] for a in self._urged if a in self._wanted}
+        self._wanted = first | wanted | self._wanted
+        self._ahead = ahead | self._ahead
+
+    def is_wanted(self, address: BrickAddress) -> bool:
+        """Whether the present view wants it, read or not."""
+        return self._ranks.get(address) == Rank.WANTED
+
+    def is_unread(self, address: BrickAddress) -> bool:
+        """Whether it is wished for, and nobody reads it yet."""
+        return address in self._wanted or address in self._ahead
 
     def end(self, address: BrickAddress, outcome: Outcome) -> None:
         """What was under way has been read: kept if it fits, or if somebody waits for it."""
@@ -170,6 +224,7 @@ class LoadQueue:
     def clear(self) -> None:
         """Forget all wishes and all that was read."""
         self._wanted.clear()
+        self._urged = ()
         self._ahead.clear()
         self._ranks.clear()
         self._ready.clear()

@@ -15,13 +15,13 @@ from functools import lru_cache
 from typing import Literal, Protocol
 
 from octobrick.server.brick_headers import BrickHead, BrickHeaders, RawHeaders, header_lines
+from octobrick.server.byte_cache import ByteCache
 from octobrick.server.catalog import Catalog, OpenVolume
-from octobrick.server.decoded_cache import DecodedCache
 from octobrick.server.errors import BrickNotFoundError
 from octobrick.server.reply import IMMUTABLE, accepts_zstd, matches_etag, require_revision
-from octobrick.store import Volume
+from octobrick.store import LocalVolume
 from octobrick.store.box import Zyx
-from octobrick.store.stored_gradients import StoredGradients
+from octobrick.store.stored_gradients import LocalGradients
 
 BrickKind = Literal["voxels", "gradients"]
 Content = bytes | bytearray
@@ -64,7 +64,7 @@ class BrickReplies:
         decoded: keeps bricks without zstd, for the clients that do not take it.
     """
 
-    def __init__(self, catalog: Catalog, decoded: DecodedCache) -> None:
+    def __init__(self, catalog: Catalog, decoded: ByteCache[Hashable]) -> None:
         self._catalog = catalog
         self._decoded = decoded
         self._accepts_zstd = lru_cache(_KEPT_HEADERS)(accepts_zstd)
@@ -125,7 +125,7 @@ class _Disk:
 
     lent: OpenVolume
     address: BrickAddress
-    cache: DecodedCache
+    cache: ByteCache[Hashable]
 
     def headers(self) -> BrickHeaders:
         at = self.address
@@ -152,7 +152,7 @@ class _Memory:
 
     lent: OpenVolume
     address: BrickAddress
-    cache: DecodedCache
+    cache: ByteCache[Hashable]
 
     def headers(self) -> BrickHeaders:
         at = self.address
@@ -221,11 +221,11 @@ def _cache_headers(etag: str) -> RawHeaders:
     return [_CACHE_CONTROL, (b"etag", etag.encode()), _VARY]
 
 
-def _bricks(volume: Volume, kind: BrickKind) -> Volume | StoredGradients:
+def _bricks(volume: LocalVolume, kind: BrickKind) -> LocalVolume | LocalGradients:
     return volume if kind == "voxels" else _gradients(volume)
 
 
-def _gradients(volume: Volume) -> StoredGradients:
+def _gradients(volume: LocalVolume) -> LocalGradients:
     assert volume.gradients is not None  # _require_brick saw to it
     return volume.gradients
 
@@ -236,7 +236,7 @@ def _key(lent: OpenVolume, at: BrickAddress) -> Hashable:
     return (lent.serial, at.kind, at.level, at.t, at.c, at.brick_zyx)
 
 
-def _require_brick(volume: Volume, address: BrickAddress) -> None:
+def _require_brick(volume: LocalVolume, address: BrickAddress) -> None:
     level, (z, y, x) = address.level, address.brick_zyx
     if not 0 <= level < len(volume.levels):
         raise _no_such("level", level, len(volume.levels))

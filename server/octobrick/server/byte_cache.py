@@ -56,16 +56,25 @@ class ByteCache(Generic[K]):
                 self._joined += 1
         return self._make(key, make, made) if waiting is None else waiting.result()
 
+    def peek(self, key: K) -> bytes | None:
+        """The value of a key if it is kept; never waits for one that is being made."""
+        with self._lock:
+            value = self._values.get(key)
+            if value is not None:
+                self._hits += 1
+                self._values.move_to_end(key)
+            return value
+
     def stats(self) -> dict[str, float]:
         """Bytes and entries now; hits, misses, joined (waited for another) and evictions so far."""
         with self._lock:
             return {
                 "nbytes": self._nbytes,
                 "entries": len(self._values),
-                "hits": self._hits,
-                "misses": self._misses,
-                "joined": self._joined,
-                "evictions": self._evictions,
+                "hits_total": self._hits,
+                "misses_total": self._misses,
+                "joined_total": self._joined,
+                "evictions_total": self._evictions,
             }
 
     def clear(self) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec.errors import CorruptDataError, NotFoundError, OctobrickError, ResourceError
-from octobrick.store import Volume, open_volume
+from octobrick.store import LocalVolume, open_volume
 from octobrick.store.errors import VolumeNotFoundError
 
 logger = logging.getLogger(__name__)
@@ -51,7 +51,7 @@ class OpenVolume:
     place for what else is made once from the files as they were, ``heads`` for the same by brick.
     """
 
-    volume: Volume
+    volume: LocalVolume
     stamp: Stamp | None
     path: Path
     users: int = 0
@@ -95,7 +95,7 @@ class Catalog:
     def __init__(
         self,
         folder: Path | None,
-        opener: Callable[[Path], Volume] = open_volume,
+        opener: Callable[[Path], LocalVolume] = open_volume,
         listed: Mapping[str, Path] | None = None,
     ) -> None:
         self._folder = folder

@@ -7,7 +7,7 @@ from starlette.types import Scope
 from octobrick.server.brick_headers import header_lines
 from octobrick.server.request_id import RequestIds
 from octobrick.server.route_label import route_label
-from octobrick.server.security_headers import default_policy, security_headers
+from octobrick.server.security_headers import DEFAULT_POLICY, security_headers
 from octobrick.server.services import Services
 
 
@@ -28,7 +28,7 @@ class DirectAdmission:
         self._max_header_count = settings.max_header_count
         self._logs_all = settings.access_log == "all"
         headers = security_headers(other_origins=bool(settings.cors_origins))
-        self._lines = header_lines(default_policy(headers) + headers) + b"x-request-id: "
+        self._lines = header_lines([DEFAULT_POLICY, *headers]) + b"x-request-id: "
 
     def admit(self, scope: Scope) -> bytes | None:
         """The lines of headers that the answer gets; None where the layers have to see it."""

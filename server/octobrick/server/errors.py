@@ -21,6 +21,7 @@ from octobrick.codec.errors import (
     UnsupportedError,
 )
 from octobrick.renderer.errors import PictureTooLargeError
+from octobrick.store.errors import RevisionGoneError as RevisionGoneError
 
 
 class RouteNotFoundError(NotFoundError):
@@ -33,12 +34,6 @@ class BrickNotFoundError(NotFoundError):
     """The volume has no such level, time step, channel or brick: its metadata says what it has."""
 
     kind = "brick-not-found"
-
-
-class RevisionGoneError(NotFoundError):
-    """The volume was replaced since its address was learned: fetch its metadata again."""
-
-    kind = "revision-gone"
 
 
 class MethodNotAllowedError(InvalidInputError):

@@ -21,7 +21,7 @@ from octobrick.server.errors import VolumeReplacedError
 from octobrick.server.picture_request import PictureBody
 from octobrick.server.render_task import CONTENT_TYPES, PicturePart, RenderTask
 from octobrick.server.view import View
-from octobrick.store import Volume, open_volume
+from octobrick.store import LocalVolume, Volume, open_volume
 
 if TYPE_CHECKING:
     from octobrick.renderer import RenderedImage, Renderer
@@ -48,7 +48,7 @@ class Painter:
     def __init__(
         self,
         make_renderer: Callable[[], Renderer],
-        opener: Callable[[Path], Volume] = open_volume,
+        opener: Callable[[Path], LocalVolume] = open_volume,
     ) -> None:
         self._make_renderer = make_renderer
         self._opener = opener

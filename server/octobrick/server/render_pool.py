@@ -107,9 +107,9 @@ class RenderPool:
     def stats(self) -> dict[str, float]:
         """Counts since the start, and what is now: for metrics.
 
-        "waiting" and "running" are jobs; "rendered", "failed" (with an error that names its
-        reason), "crashed", "timed_out", "stopped" and "refused" count them; "render_seconds" is
-        the sum of what they took; "bricks_nbytes" and "slab_nbytes" what renderers hold.
+        "waiting" and "running" are jobs; "bricks_nbytes" and "slab_nbytes" what renderers hold.
+        With "_total" behind them: "rendered", "failed" (with an error that names its reason),
+        "crashed", "timed_out", "stopped" and "refused" jobs, and their "render_seconds".
         """
         with self._changed:
             memory = {
@@ -117,7 +117,7 @@ class RenderPool:
                 for name in ("bricks", "slab")
             }
             now = {"waiting": float(len(self._queue)), "running": float(len(self._running))}
-            return now | self._counts | memory
+            return now | {f"{name}_total": n for name, n in self._counts.items()} | memory
 
     def close(self, timeout_seconds: float) -> None:
         """Refuse new jobs, fail those that wait, let those that run end, and end the workers.

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Annotated
 
 from fastapi import Depends, Request
 
 from octobrick.server.brick_reply import BrickReplies
+from octobrick.server.byte_cache import ByteCache
 from octobrick.server.catalog import Catalog
-from octobrick.server.decoded_cache import DecodedCache
 from octobrick.server.guard import Access, Guard, guard_of
 from octobrick.server.interop.interop_reply import ChunkCache
 from octobrick.server.metrics import Counts, Metrics
@@ -41,7 +41,7 @@ class Services:
 
     catalog: Catalog
     tables: TableCache
-    decoded: DecodedCache
+    decoded: ByteCache[Hashable]
     bricks: BrickReplies
     chunks: ChunkCache
     readers: ThreadPoolExecutor
@@ -69,7 +69,7 @@ class Services:
         self.catalog = Catalog(self.settings.data_dir, listed=self.settings.volumes)
         self.catalog.scan()
         self.tables = TableCache(self.settings.table_cache_nbytes)
-        self.decoded = DecodedCache(self.settings.decoded_cache_nbytes)
+        self.decoded = ByteCache(self.settings.decoded_cache_nbytes)
         self.bricks = BrickReplies(self.catalog, self.decoded)
         self.chunks = ChunkCache(self.settings.chunk_cache_nbytes)
         self.readers = ThreadPoolExecutor(self.settings.read_threads, "octobrick-read")
@@ -104,6 +104,10 @@ class Services:
         """Each part tells its own numbers; docs/operations.md lists them."""
         self.metrics.wire("process", process_stats)
         self.metrics.wire("catalog", self.catalog.stats)
+        self.metrics.wire("render", self.renders.stats)
+        self.metrics.wire("decoded", self.decoded.stats)
+        self.metrics.wire("tables", self.tables.stats)
+        self.metrics.wire("chunks", self.chunks.stats)
 
     def _worker_factory(self) -> Callable[[], RenderWorker]:
         make_renderer = self._make_renderer

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from octobrick.codec.errors import CorruptDataError
+from octobrick.server.byte_cache import ByteCache
 from octobrick.server.catalog import Catalog, OpenVolume
 from octobrick.server.places import require_place
 from octobrick.server.reply import IMMUTABLE, Reply, accepts_zstd, matches_etag, require_revision
@@ -35,88 +33,8 @@ class TableAddress:
     c: int
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A table as one zstd frame.
-
-    Attributes:
-        frame: of little-endian values in C order.
-        dtype: of the values, by its NumPy name.
-        shape: (nz, ny, nx, 2).
-        nbytes: of the values.
-    """
-
-    frame: bytes
-    dtype: str
-    shape: tuple[int, ...]
-    nbytes: int
-
-    @classmethod
-    def of(cls, values: NDArray[Any]) -> Table:
-        """The table of an array."""
-        little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-        frame = compress(little.reshape(-1).view(np.uint8).data, ZSTD_LEVEL)
-        return cls(frame, values.dtype.name, values.shape, little.nbytes)
-
-
-class TableCache:
-    """The tables that were asked for last, compressed, within a number of bytes.
-
-    A table is made by one thread at a time; whoever wants the same waits for it. Safe to use from
-    any thread.
-
-    Args:
-        nbytes_max: of the frames together; one that is larger is made each time.
-    """
-
-    def __init__(self, nbytes_max: int) -> None:
-        self._nbytes_max = nbytes_max
-        self._nbytes = 0
-        self._kept: OrderedDict[TableAddress, Table] = OrderedDict()
-        self._lock = threading.Lock()
-        self._making = threading.Lock()
-        self._hits = self._misses = 0
-
-    def get(self, address: TableAddress, make: Callable[[], Table]) -> Table:
-        """The table of an address, which is made where it is not there."""
-        table = self._look_up(address)
-        if table is not None:
-            return table
-        with self._making:
-            table = self._look_up(address)
-            if table is None:
-                table = make()
-                self._keep(address, table)
-        return table
-
-    def stats(self) -> dict[str, float]:
-        """Bytes and tables that are kept, and how often one was found or made."""
-        with self._lock:
-            return {
-                "nbytes": self._nbytes,
-                "tables": len(self._kept),
-                "hits": self._hits,
-                "misses": self._misses,
-            }
-
-    def _look_up(self, address: TableAddress) -> Table | None:
-        with self._lock:
-            table = self._kept.get(address)
-            if table is not None:
-                self._kept.move_to_end(address)
-                self._hits += 1
-            return table
-
-    def _keep(self, address: TableAddress, table: Table) -> None:
-        with self._lock:
-            self._misses += 1
-            if len(table.frame) > self._nbytes_max:
-                return
-            self._kept[address] = table
-            self._nbytes += len(table.frame)
-            while self._nbytes > self._nbytes_max:
-                _, oldest = self._kept.popitem(last=False)
-                self._nbytes -= len(oldest.frame)
+TableCache = ByteCache[TableAddress]
+"""Keeps tables as the zstd frames that they travel as."""
 
 
 def table_reply(
@@ -149,13 +67,16 @@ def table_reply(
         headers = {"cache-control": IMMUTABLE, "etag": etag, "vary": "Accept-Encoding"}
         if if_none_match and matches_etag(if_none_match, etag):
             return Reply(304, headers, b"")
-        table = tables.get(address, lambda: _made(lent, address))
-        body = table.frame if zstd else decompress(table.frame, table.nbytes)
+        dtype = volume.dtype if address.kind == "range" else np.dtype(np.float32)
+        shape = (*volume.levels[address.level].grid_zyx, 2)
+        frame = tables.get(address, lambda: _frame(lent, address))
+        assert frame is not None  # a table may be empty of news, but is there
+        body = frame if zstd else decompress(frame, math.prod(shape) * dtype.itemsize)
         headers |= {
             "content-type": "application/octet-stream",
             "content-length": str(len(body)),
-            "x-octobrick-dtype": table.dtype,
-            "x-octobrick-shape": ",".join(str(n) for n in table.shape),
+            "x-octobrick-dtype": dtype.name,
+            "x-octobrick-shape": ",".join(map(str, shape)),
         }
         if zstd:
             headers["content-encoding"] = "zstd"
@@ -164,9 +85,12 @@ def table_reply(
     return catalog.read(address.volume_id, reply)
 
 
-def _made(lent: OpenVolume, address: TableAddress) -> Table:
-    values = lent.ranges if address.kind == "range" else lent.fidelity
-    table = Table.of(values(address.level, address.t, address.c))
+def _frame(lent: OpenVolume, address: TableAddress) -> bytes:
+    """The values of a table, little-endian and in C order, as one zstd frame."""
+    table = lent.ranges if address.kind == "range" else lent.fidelity
+    values = table(address.level, address.t, address.c)
+    little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+    frame = compress(little.tobytes(), ZSTD_LEVEL)
     if not lent.is_current():  # it may be of another revision, and must not be kept under this one
         raise CorruptDataError("The volume was replaced while a table of it was read")
-    return table
+    return frame

@@ -7,10 +7,12 @@ from octobrick.store.box import Box, Zyx
 from octobrick.store.export import ExportResult, export
 from octobrick.store.ingest import ingest
 from octobrick.store.level import Level
+from octobrick.store.local_volume import LocalVolume
+from octobrick.store.opening import open_volume
 from octobrick.store.progress import Progress
 from octobrick.store.report import IngestResult, LevelReport
 from octobrick.store.synth import SynthResult, synth
-from octobrick.store.volume import Volume, open_volume
+from octobrick.store.volume import Volume
 
 __all__ = [
     "Box",
@@ -18,6 +20,7 @@ __all__ = [
     "IngestResult",
     "Level",
     "LevelReport",
+    "LocalVolume",
     "Progress",
     "SynthResult",
     "Volume",

@@ -53,6 +53,18 @@ class VolumeFormatError(CorruptDataError):
     kind = "corrupt-volume"
 
 
+class ServerUnreachableError(ResourceError):
+    """The server of a volume does not answer, or answers nonsense: mend that, and try again."""
+
+    kind = "server-unreachable"
+
+
+class RevisionGoneError(NotFoundError):
+    """The volume was replaced since it was opened, or its address learned: open it anew."""
+
+    kind = "revision-gone"
+
+
 class BrickStreamError(CorruptDataError):
     """A stream of bricks is not what a server writes, or was cut off: ask for the rest again."""
 

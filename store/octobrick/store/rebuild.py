@@ -17,6 +17,7 @@ from octobrick.store.box import Box
 from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder
 from octobrick.store.errors import SourceMismatchError, VolumeFormatError
 from octobrick.store.gradient_pyramid import gradient_array
+from octobrick.store.local_volume import LocalVolume
 from octobrick.store.memory_plan import plan_memory
 from octobrick.store.piece_reader import PieceReader
 from octobrick.store.progress import ProgressMeter
@@ -24,11 +25,10 @@ from octobrick.store.pyramid import Pyramid, PyramidPlan, Sink, feed
 from octobrick.store.sources import Source
 from octobrick.store.sources.converted import converted
 from octobrick.store.sources.region import RegionSource
-from octobrick.store.volume import Volume
 from octobrick.store.window import memory_window
 
 
-def source_of(volume: Volume, source: Source) -> Source:
+def source_of(volume: LocalVolume, source: Source) -> Source:
     """The source as the volume was made from it: the same region, type and window.
 
     Raises:
@@ -80,7 +80,7 @@ class Rebuild:
 
     def __init__(
         self,
-        volume: Volume,
+        volume: LocalVolume,
         source: Source,
         sink: Sink,
         replace_nonfinite: float | None,
@@ -130,7 +130,7 @@ class Rebuild:
                     meter.advance(piece.voxels.size, "verify")
 
 
-def _direction_encoder(volume: Volume) -> DirectionEncoder | None:
+def _direction_encoder(volume: LocalVolume) -> DirectionEncoder | None:
     if volume.gradients is None:
         return None
     zstd_level = zstd_level_of(volume.path, gradient_array(volume.gradients.levels[0]))

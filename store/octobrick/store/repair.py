@@ -14,13 +14,14 @@ from octobrick.codec import metrics
 from octobrick.store.brick_encoder import EncodedBrick
 from octobrick.store.durable import sync
 from octobrick.store.errors import SourceMismatchError
+from octobrick.store.local_volume import LocalVolume
+from octobrick.store.opening import open_local
 from octobrick.store.progress import ProgressCallback, ProgressMeter
 from octobrick.store.pyramid import Address
 from octobrick.store.rebuild import Rebuild, source_of
 from octobrick.store.shard import ShardWriter, slot_of
 from octobrick.store.sources import Source
 from octobrick.store.verify import Problem, verify
-from octobrick.store.volume import Volume, open_volume
 from octobrick.store.volume_writer import shard_key_of
 
 _FOLDER = ".repair"  # inside the volume: on the same file system, so that a rename is enough
@@ -70,7 +71,7 @@ def repair(
         VolumeFormatError: metadata or manifest are damaged.
     """
     found = verify(path, workers=workers).problems
-    with open_volume(path) as volume:
+    with open_local(path) as volume:
         damaged = {p.path for p in found if p.kind in ("shard", "brick")}
         damaged &= set(volume.shard_entries)
         strays = [p.path for p in found if p.kind == "stray"]
@@ -87,7 +88,11 @@ class _Repair:
     """Takes the bricks of damaged shards; a `Sink`."""
 
     def __init__(
-        self, volume: Volume, source: Source, damaged: set[str], replace_nonfinite: float | None
+        self,
+        volume: LocalVolume,
+        source: Source,
+        damaged: set[str],
+        replace_nonfinite: float | None,
     ) -> None:
         self._volume = volume
         self._source = source

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from octobrick.store.shard import ShardCache
 DirectionCodes = NDArray[np.uint8]
 
 
-class StoredGradients:
+class StoredGradients(ABC):
     """The gradients of a volume, level by level. Safe to use from several threads.
 
     Bricks lie as those of the voxels do. `octobrick.codec.gradients.decode_directions` makes unit
@@ -37,53 +38,40 @@ class StoredGradients:
 
     def __init__(
         self,
-        path: Path,
+        name: str,
         volume_levels: Sequence[Level],
         levels: tuple[int, ...],
         brick_shape_zyx: Zyx,
-        shard_shape_zyx: Zyx,
-        shard_nbytes: Mapping[str, int],
     ) -> None:
         self.levels = levels
-        self._path = path
+        self._name = name
         self._volume_levels = volume_levels
         self.brick_shape_zyx = brick_shape_zyx
-        self._shards = {
-            level: ShardCache(
-                path / gradient_array(level),
-                shard_shape_zyx,
-                _below(f"{gradient_array(level)}/", shard_nbytes),
-                key_suffix="/0",
-            )
-            for level in levels
-        }
 
     def __repr__(self) -> str:
         return f"<StoredGradients of levels {self.levels}>"
 
+    @abstractmethod
     def close(self) -> None:
-        """Let go of all files."""
-        for cache in self._shards.values():
-            cache.close()
+        """Let go of all files and connections."""
 
     @property
     def code_nbytes(self) -> int:
         """Bytes of a brick of codes."""
         return 3 * int(np.prod(self.brick_shape_zyx))
 
+    @abstractmethod
     def stored_brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
-        """A brick's codes as on disk, one zstd frame; None where no voxel has a direction.
+        """A brick's codes as stored, one zstd frame; None where no voxel has a direction.
 
         Raises:
             InvalidInputError, VolumeFormatError, CorruptBrickError: as `code`.
+            ServerUnreachableError: of a volume on a server.
         """
-        self._require(level, zyx)
-        return self._shards[level].read(zyx, t, c)
 
-    def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
-        """The same from memory; BlockingIOError where `stored_brick` would have to wait or fail."""
-        self._require(level, zyx)
-        return self._shards[level].read_now(zyx, t, c)
+    @abstractmethod
+    def _where(self, level: int, zyx: Zyx, t: int, c: int) -> str:
+        """The file, or the address, that a brick comes from."""
 
     def code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick's codes without the entropy layer; None where no voxel has a direction.
@@ -99,12 +87,12 @@ class StoredGradients:
         try:
             return self.decompressed(stored)
         except CorruptBrickError as error:
-            path = self._shards[level].path_of(zyx, t, c)
+            path = self._where(level, zyx, t, c)
             at = [t, c, *zyx]
             raise CorruptBrickError(
                 f"{path}: gradients of brick (t, c, z, y, x) = {tuple(at)} of level {level} are "
                 f"damaged: {error.message}; restore the file or ingest the volume again",
-                **error.facts | {"path": str(path), "level": level, "brick": at},
+                **error.facts | {"path": path, "level": level, "brick": at},
             ) from error
 
     def decompressed(self, stored: bytes) -> bytes:
@@ -142,9 +130,9 @@ class StoredGradients:
         return out
 
     def _require(self, level: int, zyx: Zyx) -> None:
-        if level not in self._shards:
+        if level not in self.levels:
             raise InvalidInputError(
-                f"{self._path.name}: level {level} has no gradients, levels {list(self.levels)} do",
+                f"{self._name}: level {level} has no gradients, levels {list(self.levels)} do",
                 level=level,
                 levels=list(self.levels),
             )
@@ -152,11 +140,56 @@ class StoredGradients:
         (z, y, x), (nz, ny, nx) = zyx, grid_zyx
         if not (0 <= z < nz and 0 <= y < ny and 0 <= x < nx):
             raise InvalidInputError(
-                f"{self._path.name}: level {level} has no brick (z, y, x) = {zyx}; it has "
-                f"{grid_zyx}",
+                f"{self._name}: level {level} has no brick (z, y, x) = {zyx}; it has {grid_zyx}",
                 level=level,
                 brick=list(zyx),
             )
+
+
+class LocalGradients(StoredGradients):
+    """The gradients of a volume on disk."""
+
+    def __init__(
+        self,
+        path: Path,
+        volume_levels: Sequence[Level],
+        levels: tuple[int, ...],
+        brick_shape_zyx: Zyx,
+        shard_shape_zyx: Zyx,
+        shard_nbytes: Mapping[str, int],
+    ) -> None:
+        super().__init__(path.name, volume_levels, levels, brick_shape_zyx)
+        self._shards = {
+            level: ShardCache(
+                path / gradient_array(level),
+                shard_shape_zyx,
+                _below(f"{gradient_array(level)}/", shard_nbytes),
+                key_suffix="/0",
+            )
+            for level in levels
+        }
+
+    def close(self) -> None:
+        """Let go of all files."""
+        for cache in self._shards.values():
+            cache.close()
+
+    def stored_brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
+        """A brick's codes as on disk, one zstd frame; None where no voxel has a direction.
+
+        Raises:
+            InvalidInputError, VolumeFormatError, CorruptBrickError: as `code`.
+        """
+        self._require(level, zyx)
+        return self._shards[level].read(zyx, t, c)
+
+    def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
+        """The same from memory; BlockingIOError where `stored_brick` would have to wait or fail."""
+        self._require(level, zyx)
+        return self._shards[level].read_now(zyx, t, c)
+
+    def _where(self, level: int, zyx: Zyx, t: int, c: int) -> str:
+        return str(self._shards[level].path_of(zyx, t, c))
 
 
 def _below(prefix: str, nbytes: Mapping[str, Any]) -> dict[str, int]:

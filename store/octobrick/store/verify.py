@@ -22,9 +22,10 @@ from octobrick.codec import Zerobit
 from octobrick.codec.errors import CorruptDataError
 from octobrick.store.box import Box, Zyx, cell_box
 from octobrick.store.gradient_pyramid import gradient_array
+from octobrick.store.local_volume import LocalVolume
+from octobrick.store.opening import open_local
 from octobrick.store.progress import ProgressCallback, ProgressMeter
 from octobrick.store.shard import new_digest
-from octobrick.store.volume import Volume, open_volume
 
 _READ_NBYTES = 1 << 20
 
@@ -87,7 +88,7 @@ def verify(
         VolumeFormatError: metadata or manifest are damaged, so that nothing else can be told.
     """
     with (
-        open_volume(path) as volume,
+        open_local(path) as volume,
         ThreadPoolExecutor(workers or len(os.sched_getaffinity(0))) as executor,
     ):
         voxels = [Box.of_shape(level.shape_zyx).nvoxels for level in volume.levels]
@@ -125,7 +126,7 @@ def verify(
 class _Checker:
     """Checks the shards and bricks of one level of one channel of one time step."""
 
-    def __init__(self, volume: Volume, level: int, t: int, c: int) -> None:
+    def __init__(self, volume: LocalVolume, level: int, t: int, c: int) -> None:
         self._volume, self._level, self._t, self._c = volume, level, t, c
         self._level_box = Box.of_shape(volume.levels[level].shape_zyx)
         self._ranges: NDArray[np.generic] | None = None
@@ -215,7 +216,7 @@ def _difference(path: Path, nbytes: int, digest: str) -> str | None:
     return None
 
 
-def _strays(volume: Volume) -> Iterator[Problem]:
+def _strays(volume: LocalVolume) -> Iterator[Problem]:
     """Files among the shards that the manifest does not know."""
     arrays = [(str(level.index), level.index) for level in volume.levels]
     if volume.gradients is not None:

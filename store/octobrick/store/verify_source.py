@@ -10,12 +10,13 @@ import numpy as np
 from octobrick.codec import metrics
 from octobrick.codec.errors import CorruptDataError
 from octobrick.store.brick_encoder import EncodedBrick
+from octobrick.store.local_volume import LocalVolume
+from octobrick.store.opening import open_local
 from octobrick.store.progress import ProgressCallback, ProgressMeter
 from octobrick.store.pyramid import Address
 from octobrick.store.rebuild import Rebuild, source_of
 from octobrick.store.sources import Source
 from octobrick.store.verify import Problem, VerifyReport, verify
-from octobrick.store.volume import Volume, open_volume
 from octobrick.store.volume_writer import round_up, shard_key_of
 
 
@@ -44,7 +45,7 @@ def verify_against(
     """
     report = verify(path, workers=workers)
     known = {(p.path, p.brick) for p in report.problems if p.brick}
-    with open_volume(path) as volume:
+    with open_local(path) as volume:
         prepared = source_of(volume, source)
         nz, ny, nx = prepared.shape_zyx
         meter = ProgressMeter(prepared.nt * prepared.nc * nz * ny * nx, progress)
@@ -64,7 +65,7 @@ def verify_against(
 class _Comparison:
     """Bricks as they are stored against bricks as the source gives them; a `Sink`."""
 
-    def __init__(self, volume: Volume) -> None:
+    def __init__(self, volume: LocalVolume) -> None:
         self._volume = volume
         self._tables: dict[tuple[str, int, int, int], np.ndarray | None] = {}
         self._histograms = [metrics.Histogram() for _ in range(volume.nc)]

@@ -1,15 +1,12 @@
-"""A volume on disk, opened for reading: metadata, single bricks, regions."""
+"""A volume, opened for reading, wherever its bytes come from: metadata, single bricks, regions."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Mapping
+from abc import ABC, abstractmethod
 from functools import cached_property
-from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
-import zarr
 from numpy.typing import NDArray
 
 from octobrick.codec import metrics
@@ -18,71 +15,39 @@ from octobrick.store import brick_codec
 from octobrick.store import frame as zstd_frame
 from octobrick.store.assembled import fill_from_bricks
 from octobrick.store.attributes import Number, VolumeAttributes
-from octobrick.store.box import Box, Zyx, cell_box, cells_touching, grid_of
+from octobrick.store.box import Box, Zyx, grid_of
 from octobrick.store.brick_codec import BrickCodec, codec_text
-from octobrick.store.errors import VolumeFormatError
-from octobrick.store.layout import MANIFEST_NAME
 from octobrick.store.level import Level, Xyz
-from octobrick.store.shard import ShardCache, shard_key
 from octobrick.store.stored_gradients import StoredGradients
-from octobrick.store.volume_files import read_json, shard_entries
 
 Voxels = NDArray[np.generic]
+TableKind = Literal["range", "fidelity"]
 
 
-def open_volume(path: str | os.PathLike[str]) -> Volume:
-    """Open a volume that ``ingest`` wrote.
-
-    Raises:
-        VolumeNotFoundError: there is nothing at the path.
-        IncompleteVolumeError: an ingest into the path did not finish, or still runs.
-        VolumeFormatError: what is there is no volume, or its metadata is damaged.
-    """
-    return Volume(Path(path))
-
-
-class Volume:
+class Volume(ABC):
     """A volume, its levels and bricks. Safe to use from several threads.
 
-    An index is parsed once and kept, a brick is one read. The files are expected not to change; a
-    volume that is replaced on disk must be opened anew.
+    What is read must not change; a volume that is replaced must be opened anew. `open_volume`
+    makes one, of a folder or of an octobrick server.
 
     Attributes:
-        path: the volume's folder.
-        name: the folder's name without ``.zarr``.
+        name: the folder's name without ``.zarr``, or the server's id.
         revision: digest of the content; a brick's bytes never change under one revision.
         levels: the pyramid, finest first.
         gradients: of the coarser levels; None where none are stored.
-        shard_entries: size and digest of every stored shard, by its path below the volume.
     """
 
-    path: Path
     name: str
     revision: str
     levels: tuple[Level, ...]
     gradients: StoredGradients | None
-    shard_entries: Mapping[str, tuple[int, str]]
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.name = path.name.removesuffix(".zarr")
-        root = read_json(path / "zarr.json", path)
-        where = str(path / "zarr.json")
-        fields = root.get("attributes", {}).get("octobrick") if isinstance(root, dict) else None
-        self._attributes = VolumeAttributes.from_json(fields, where)
-        manifest = read_json(path / MANIFEST_NAME, path)
-        expected = self._attributes.revision(manifest)
-        self.revision = fields["revision"] if isinstance(fields, dict) else ""
-        if self.revision != expected:
-            raise VolumeFormatError(
-                f"{where}: revision {self.revision!r:.60} does not match attributes and manifest, "
-                f"which give {expected}; restore the files or ingest the volume again",
-                path=str(path),
-            )
-        self.shard_entries = shard_entries(manifest, path)
-        self.levels = tuple(self._make_level(i) for i in range(len(self._attributes.levels)))
-        self._shards = [self._make_cache(i) for i in range(len(self.levels))]
-        self.gradients = self._make_gradients()
+    def __init__(self, name: str, revision: str, attributes: VolumeAttributes) -> None:
+        self.name = name
+        self.revision = revision
+        self._attributes = attributes
+        self.levels = tuple(self._make_level(i) for i in range(len(attributes.levels)))
+        self.gradients = None
 
     def __enter__(self) -> Self:
         return self
@@ -96,12 +61,9 @@ class Volume:
             f"{len(self.levels)} levels, {codec_text(self.codec)}>"
         )
 
+    @abstractmethod
     def close(self) -> None:
-        """Let go of all files."""
-        for cache in self._shards:
-            cache.close()
-        if self.gradients is not None:
-            self.gradients.close()
+        """Let go of all files and connections."""
 
     # What the volume is
 
@@ -200,35 +162,16 @@ class Volume:
 
     # Bricks
 
+    @abstractmethod
     def stored_brick(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
-        """A brick's bytes exactly as on disk, one zstd frame; None where the brick is absent.
+        """A brick's bytes exactly as stored, one zstd frame; None where the brick is absent.
 
         Raises:
             InvalidInputError: no such level or brick.
             VolumeFormatError: the shard is missing or its index is damaged.
-            CorruptBrickError: the shard ends inside the brick.
+            CorruptBrickError: the brick is cut short, or came damaged.
+            ServerUnreachableError: of a volume on a server.
         """
-        self._require_brick(level, zyx, t, c)
-        return self._shards[level].read(zyx, t, c)
-
-    def stored_nbytes(
-        self, level: int, bricks_zyx: NDArray[np.intp], t: int = 0, c: int = 0
-    ) -> NDArray[np.int64]:
-        """Sizes (n,) of the stored bricks (n, 3), from the indexes alone; 0 where one is absent.
-
-        Raises:
-            InvalidInputError: no such level or brick.
-            VolumeFormatError: a shard is missing or its index is damaged.
-        """
-        for zyx in (bricks_zyx.min(axis=0), bricks_zyx.max(axis=0)) if len(bricks_zyx) else ():
-            z, y, x = zyx.tolist()
-            self._require_brick(level, (z, y, x), t, c)
-        return self._shards[level].nbytes_of(bricks_zyx, t, c)
-
-    def stored_brick_now(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytearray | None:
-        """The same from memory; BlockingIOError where `stored_brick` would have to wait or fail."""
-        self._require_brick(level, zyx, t, c)
-        return self._shards[level].read_now(zyx, t, c)
 
     def brick_code(self, level: int, zyx: Zyx, t: int = 0, c: int = 0) -> bytes | None:
         """A brick without the entropy layer, as a GPU takes it; None where the brick is absent.
@@ -236,7 +179,7 @@ class Volume:
         The codec's code, or raw little-endian voxels where there is none; the checksum is checked.
 
         Raises:
-            CorruptBrickError: naming the file, the brick and both checksums.
+            CorruptBrickError: naming the file or address, the brick and both checksums.
             InvalidInputError: no such level or brick.
         """
         stored = self.stored_brick(level, zyx, t, c)
@@ -253,7 +196,7 @@ class Volume:
         Where the brick reaches beyond the level, the last voxels are repeated, as stored.
 
         Raises:
-            CorruptBrickError: naming the file and the brick.
+            CorruptBrickError: naming the file or address and the brick.
             InvalidInputError: no such level or brick.
         """
         code = self.brick_code(level, zyx, t, c)
@@ -270,7 +213,7 @@ class Volume:
 
         Raises:
             InvalidInputError: the box is empty or leaves the level.
-            CorruptBrickError: naming the file and the brick.
+            CorruptBrickError: naming the file or address and the brick.
         """
         shape_zyx = self.level(level).shape_zyx
         box = box or Box.of_shape(shape_zyx)
@@ -278,22 +221,6 @@ class Volume:
         out = np.empty(box.shape_zyx, self.dtype)
         fill_from_bricks(out, box, self.brick_shape_zyx, lambda zyx: self.brick(level, zyx, t, c))
         return out
-
-    def shard_key(self, brick_zyx: Zyx, t: int = 0, c: int = 0) -> str:
-        """The path of the shard that holds, or would hold, a brick, below its level."""
-        return shard_key(brick_zyx, self.shard_shape_zyx, t, c)
-
-    def shard_bricks(self, level: int, t: int = 0, c: int = 0) -> Iterator[tuple[str, list[Zyx]]]:
-        """The keys of all shards of a level, stored or not, each with its bricks.
-
-        Raises:
-            InvalidInputError: there is no such level.
-        """
-        grid = Box.of_shape(self.level(level).grid_zyx)
-        for shard in cells_touching(grid, self.shard_shape_zyx):
-            bricks = cell_box(shard, self.shard_shape_zyx).intersect(grid)
-            whole = list(cells_touching(bricks, (1, 1, 1)))
-            yield self.shard_key(whole[0], t, c), whole
 
     def decompressed(self, stored: bytes, level: int) -> bytes:
         """What `stored_brick` gave for a level, without the entropy layer.
@@ -329,25 +256,20 @@ class Volume:
         """
         return self._small_array("fidelity", level, t, c).astype(np.float32, copy=False)
 
-    def _small_array(self, kind: str, level: int, t: int, c: int) -> Voxels:
-        expected = (self.nt, self.nc, *self.level(level).grid_zyx, 2)
-        path = self.path / kind / str(level)
-        try:
-            array = zarr.open_array(path, mode="r")
-            if array.shape != expected:
-                raise VolumeFormatError(
-                    f"{path}: shape {array.shape} should be {expected}; ingest the volume again"
-                )
-            return np.asarray(array[t, c])
-        except VolumeFormatError:
-            raise
-        except Exception as error:  # zarr and numcodecs raise what they please on damaged files
-            raise VolumeFormatError(
-                f"{path}: cannot be read ({error}); restore the files or ingest the volume again",
-                path=str(path),
-            ) from error
-
     # Inside
+
+    @abstractmethod
+    def _small_array(self, kind: TableKind, level: int, t: int, c: int) -> Voxels:
+        """A table of one value pair for each brick: (nz, ny, nx, 2)."""
+
+    @abstractmethod
+    def _where(self, level: int, zyx: Zyx, t: int, c: int) -> str:
+        """The file, or the address, that a brick comes from."""
+
+    def _gradient_levels(self) -> tuple[int, ...]:
+        """Those that store directions."""
+        levels = enumerate(self._attributes.levels)
+        return tuple(i for i, level in levels if level.gradient_nbytes is not None)
 
     def _make_level(self, index: int) -> Level:
         attributes, stored = self._attributes, self._attributes.levels[index]
@@ -368,31 +290,6 @@ class Volume:
             psnr_db=stored.psnr_db,
         )
 
-    def _make_cache(self, level: int) -> ShardCache:
-        prefix = f"{level}/"
-        shard_nbytes = {
-            path.removeprefix(prefix): nbytes
-            for path, (nbytes, _) in self.shard_entries.items()
-            if path.startswith(prefix)
-        }
-        return ShardCache(self.path / str(level), self.shard_shape_zyx, shard_nbytes)
-
-    def _make_gradients(self) -> StoredGradients | None:
-        attributes = self._attributes
-        levels = [
-            i for i, level in enumerate(attributes.levels) if level.gradient_nbytes is not None
-        ]
-        if not levels:
-            return None
-        return StoredGradients(
-            self.path,
-            self.levels,
-            tuple(levels),
-            self.brick_shape_zyx,
-            self.shard_shape_zyx,
-            {path: nbytes for path, (nbytes, _) in self.shard_entries.items()},
-        )
-
     def _require_brick(self, level: int, zyx: Zyx, t: int, c: int) -> None:
         grid_zyx = self.level(level).grid_zyx
         (z, y, x), (nz, ny, nx) = zyx, grid_zyx
@@ -409,8 +306,8 @@ class Volume:
     def _located(
         self, error: CorruptBrickError, level: int, zyx: Zyx, t: int, c: int
     ) -> CorruptBrickError:
-        path = self._shards[level].path_of(zyx, t, c)
-        facts = error.facts | {"path": str(path), "level": level, "brick": [t, c, *zyx]}
+        path = self._where(level, zyx, t, c)
+        facts = error.facts | {"path": path, "level": level, "brick": [t, c, *zyx]}
         return CorruptBrickError(
             f"{path}: brick (t, c, z, y, x) = {(t, c, *zyx)} of level {level} is damaged: "
             f"{error.message}; restore the file or ingest the volume again",

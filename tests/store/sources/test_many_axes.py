@@ -14,12 +14,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from octobrick.codec.errors import InvalidInputError, OctobrickError
+from octobrick.store import open_volume
 from octobrick.store.box import Box
 from octobrick.store.errors import SourceError, TruncatedSourceError, UnsupportedSourceError
 from octobrick.store.ingest import ingest
 from octobrick.store.sources import Source, open_source
 from octobrick.store.sources.gzip_stream import GzipReader
-from octobrick.store.volume import open_volume
 
 NT, NC, SHAPE = 2, 3, (3, 4, 5)
 

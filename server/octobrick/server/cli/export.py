@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("volume", type=click.Path(path_type=Path))
+@click.argument("volume")
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(
     "--level", type=int, default=0, show_default=True, help="Resolution; 0 is the original."
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked).")
 def export(
-    volume: Path,
+    volume: str,
     out: Path,
     level: int,
     box: Ends | None,

@@ -26,11 +26,12 @@ if TYPE_CHECKING:
 @source_options
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def info(path: str, as_json: bool, **options: Any) -> None:
-    """Tell what is in PATH: a volume, or a file, folder, pattern or address to ingest."""
+    """Tell what is in PATH: a volume, or a file, folder, pattern or address of either."""
     from octobrick.store import open_volume
+    from octobrick.store.http_address import is_volume_address
     from octobrick.store.sources.location import is_url
 
-    if not is_url(path) and _is_volume(Path(path)):
+    if is_volume_address(path) if is_url(path) else _is_volume(Path(path)):
         with open_volume(path) as volume:
             if as_json:
                 click.echo(json.dumps(volume.metadata()))

@@ -30,7 +30,7 @@ FRAMES = 120
 
 
 @click.command()
-@click.argument("volume", type=click.Path(path_type=Path))
+@click.argument("volume")
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--turntable", is_flag=True, help="Go once around the volume.  [default]")
 @click.option(
@@ -56,7 +56,7 @@ FRAMES = 120
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked).")
 def movie(
-    volume: Path,
+    volume: str,
     out: Path,
     turntable: bool,
     times: Steps | None,

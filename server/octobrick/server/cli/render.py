@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("volume", type=click.Path(path_type=Path))
+@click.argument("volume")
 @click.option(
     "-o",
     "--output",
@@ -47,14 +47,14 @@ if TYPE_CHECKING:
 )
 @click.option("--stats", is_flag=True, help="Print what was done and what was lost, as JSON.")
 def render(
-    volume: Path,
+    volume: str,
     output: Path,
     quality: int | None,
     depth_file: Path | None,
     stats: bool,
     **options: Any,
 ) -> None:
-    """Render VOLUME, a folder made by ingest, to a picture file."""
+    """Render VOLUME, a folder made by ingest or an address, to a picture file."""
     from octobrick.renderer import Renderer
     from octobrick.renderer.picture_files import holds_floats, require_picture
     from octobrick.store import open_volume

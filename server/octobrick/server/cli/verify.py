@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -21,7 +20,7 @@ _ROWS_MAX = 50  # of problems on a terminal; --json has them all
 
 
 @click.command()
-@click.argument("volume", type=click.Path(path_type=Path))
+@click.argument("volume")
 @click.option("--source", metavar="SOURCE", help="Compare every brick with this source, too.")
 @click.option("--repair", metavar="SOURCE", help="Write damaged shards anew from this source.")
 @source_options
@@ -32,7 +31,7 @@ _ROWS_MAX = 50  # of problems on a terminal; --json has them all
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked).")
 def verify(
-    volume: Path,
+    volume: str,
     source: str | None,
     repair: str | None,
     as_json: bool,
@@ -58,7 +57,7 @@ def verify(
 
 
 def _verify(
-    volume: Path, source: str | None, options: dict[str, Any], progress: ProgressReport
+    volume: str, source: str | None, options: dict[str, Any], progress: ProgressReport
 ) -> VerifyReport:
     from octobrick.store.verify import verify
     from octobrick.store.verify_source import verify_against
@@ -70,7 +69,7 @@ def _verify(
 
 
 def _repair(
-    volume: Path, source: str, options: dict[str, Any], progress: ProgressReport
+    volume: str, source: str, options: dict[str, Any], progress: ProgressReport
 ) -> RepairResult:
     from octobrick.store.repair import repair
 

@@ -20,7 +20,7 @@ from octobrick.server.reply import (
     matches_etag,
     require_revision,
 )
-from octobrick.store import Volume
+from octobrick.store import LocalVolume
 
 ChunkKey = tuple[str, ...]
 """Id and revision of the volume, then the name of the chunk."""
@@ -56,7 +56,10 @@ def parse_name(name: str) -> tuple[str, str | None]:
 
 
 def interop_reply(
-    catalog: Catalog, cache: ChunkCache, find: Callable[[Volume, str], Resource], question: Question
+    catalog: Catalog,
+    cache: ChunkCache,
+    find: Callable[[LocalVolume, str], Resource],
+    question: Question,
 ) -> Reply:
     """Answer a request: 200, 206 for a part, or 304.
 
@@ -92,7 +95,7 @@ class _ReplacedError(Exception):
 
 
 def _look(
-    lent: OpenVolume, find: Callable[[Volume, str], Resource], question: Question
+    lent: OpenVolume, find: Callable[[LocalVolume, str], Resource], question: Question
 ) -> tuple[str, Resource]:
     if question.revision is not None:
         require_revision(lent.volume, question.volume_id, question.revision)

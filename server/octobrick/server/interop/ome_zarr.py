@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from octobrick.server.interop.resources import INDEX, Chunk, Document, Resource, nothing
-from octobrick.store import Volume
+from octobrick.store import LocalVolume
 from octobrick.store import frame as zstd_frame
 from octobrick.store.box import Zyx
 from octobrick.store.volume_files import read_json
@@ -30,7 +30,7 @@ _V2_CHUNK = re.compile(f"{INDEX}/{_PLACE}")
 Json = dict[str, Any]
 
 
-def find_v3(volume: Volume, key: str) -> Resource:
+def find_v3(volume: LocalVolume, key: str) -> Resource:
     """What a key of the Zarr v3 hierarchy names.
 
     Raises:
@@ -44,7 +44,7 @@ def find_v3(volume: Volume, key: str) -> Resource:
     return _chunk(volume, _V3_CHUNK, key)
 
 
-def find_v2(volume: Volume, key: str) -> Resource:
+def find_v2(volume: LocalVolume, key: str) -> Resource:
     """What a key of the Zarr v2 hierarchy names.
 
     Raises:
@@ -61,7 +61,7 @@ def find_v2(volume: Volume, key: str) -> Resource:
     return _chunk(volume, _V2_CHUNK, key)
 
 
-def group_v3(volume: Volume) -> Json:
+def group_v3(volume: LocalVolume) -> Json:
     """The group's ``zarr.json``, with that of each array in it, so that one request tells all."""
     arrays = {str(level.index): array_v3(volume, level.index) for level in volume.levels}
     return {
@@ -72,7 +72,7 @@ def group_v3(volume: Volume) -> Json:
     }
 
 
-def array_v3(volume: Volume, level: int) -> Json:
+def array_v3(volume: LocalVolume, level: int) -> Json:
     """The ``zarr.json`` of a level."""
     codecs = [
         {"name": "bytes", "configuration": {"endian": "little"}},
@@ -98,14 +98,14 @@ _GROUP_V2: Json = {"zarr_format": 2}
 _DIMENSIONS_V2: Json = {"_ARRAY_DIMENSIONS": list(_AXES)}  # as xarray names the axes of Zarr v2
 
 
-def attributes_v2(volume: Volume) -> Json:
+def attributes_v2(volume: LocalVolume) -> Json:
     """The group's ``.zattrs``: OME-NGFF 0.4 has the words of 0.5, without the ``ome`` around."""
     ome = _stored_ome(volume)
     images = [image | {"version": "0.4"} for image in ome.get("multiscales", [])]
     return {name: ome[name] for name in ("omero",) if name in ome} | {"multiscales": images}
 
 
-def array_v2(volume: Volume, level: int) -> Json:
+def array_v2(volume: LocalVolume, level: int) -> Json:
     """The ``.zarray`` of a level."""
     return {
         "zarr_format": 2,
@@ -120,7 +120,7 @@ def array_v2(volume: Volume, level: int) -> Json:
     }
 
 
-def _all_v2(volume: Volume) -> Json:
+def _all_v2(volume: LocalVolume) -> Json:
     documents: Json = {".zgroup": _GROUP_V2, ".zattrs": attributes_v2(volume)}
     for level in volume.levels:
         documents[f"{level.index}/.zarray"] = array_v2(volume, level.index)
@@ -128,7 +128,7 @@ def _all_v2(volume: Volume) -> Json:
     return {"zarr_consolidated_format": 1, "metadata": documents}
 
 
-def brick_frame(volume: Volume, level: int, brick_zyx: Zyx, t: int, c: int) -> bytes | None:
+def brick_frame(volume: LocalVolume, level: int, brick_zyx: Zyx, t: int, c: int) -> bytes | None:
     """The voxels of a brick in one zstd frame, as stored if they are stored so; None if absent.
 
     Raises:
@@ -147,7 +147,7 @@ def little_bytes(voxels: np.ndarray[Any, np.dtype[Any]]) -> memoryview:
     return little.reshape(-1).view(np.uint8).data
 
 
-def _chunk(volume: Volume, pattern: re.Pattern[str], key: str) -> Chunk:
+def _chunk(volume: LocalVolume, pattern: re.Pattern[str], key: str) -> Chunk:
     match = pattern.fullmatch(key)
     if match is None:
         raise nothing(key)
@@ -164,26 +164,26 @@ def _chunk(volume: Volume, pattern: re.Pattern[str], key: str) -> Chunk:
     )
 
 
-def _array_level(volume: Volume, key: str, name: str) -> int | None:
+def _array_level(volume: LocalVolume, key: str, name: str) -> int | None:
     match = _ARRAY.fullmatch(key)
     if match is None or match[2] != name or int(match[1]) >= len(volume.levels):
         return None
     return int(match[1])
 
 
-def _stored_ome(volume: Volume) -> Json:
+def _stored_ome(volume: LocalVolume) -> Json:
     """What the volume's own ``zarr.json`` says in the words of OME-NGFF, and nothing else of it."""
     ome = read_json(volume.path / "zarr.json", volume.path).get("attributes", {}).get("ome")
     return ome if isinstance(ome, dict) else {}
 
 
-def _shape(volume: Volume, level: int) -> list[int]:
+def _shape(volume: LocalVolume, level: int) -> list[int]:
     return [volume.nt, volume.nc, *volume.levels[level].shape_zyx]
 
 
-def _chunk_shape(volume: Volume) -> list[int]:
+def _chunk_shape(volume: LocalVolume) -> list[int]:
     return [1, 1, *volume.brick_shape_zyx]
 
 
-def _fill_value(volume: Volume) -> int | float:
+def _fill_value(volume: LocalVolume) -> int | float:
     return float(volume.fill_value) if volume.dtype.kind == "f" else volume.fill_value

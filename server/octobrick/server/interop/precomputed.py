@@ -16,7 +16,7 @@ import numpy as np
 from octobrick.codec.errors import UnsupportedError
 from octobrick.server.interop.ome_zarr import ZSTD_LEVEL, brick_frame, little_bytes
 from octobrick.server.interop.resources import INDEX, Chunk, Document, Resource, nothing
-from octobrick.store import Volume
+from octobrick.store import LocalVolume
 from octobrick.store import frame as zstd_frame
 from octobrick.store.box import Zyx
 
@@ -47,7 +47,7 @@ _NANOMETERS: Final = {
 _KEY = re.compile(f"(?:t/{INDEX}/)?(?:(info)|{INDEX}/" + "_".join([f"{INDEX}-{INDEX}"] * 3) + ")")
 
 
-def find(volume: Volume, key: str) -> Resource:
+def find(volume: LocalVolume, key: str) -> Resource:
     """What a key names: ``info``, or ``{level}/{x0}-{x1}_{y0}-{y1}_{z0}-{z1}``, after ``t/{t}/``.
 
     Raises:
@@ -67,7 +67,7 @@ def find(volume: Volume, key: str) -> Resource:
     return _chunk(volume, int(match[1] or 0), level, brick_zyx)
 
 
-def info(volume: Volume) -> dict[str, Any]:
+def info(volume: LocalVolume) -> dict[str, Any]:
     """The ``info`` of any time step.
 
     Raises:
@@ -111,7 +111,7 @@ def resolution_nanometers_xyz(
     return nanometers
 
 
-def require_supported(volume: Volume) -> None:
+def require_supported(volume: LocalVolume) -> None:
     """Refuse what the format cannot hold, and chunks that are too large to make on the way.
 
     Raises:
@@ -134,7 +134,7 @@ def require_supported(volume: Volume) -> None:
         )
 
 
-def chunk_frame(volume: Volume, t: int, level: int, brick_zyx: Zyx) -> bytes | None:
+def chunk_frame(volume: LocalVolume, t: int, level: int, brick_zyx: Zyx) -> bytes | None:
     """All channels of a brick, cut to the volume, in one zstd frame; None if all are absent.
 
     Raises:
@@ -153,7 +153,7 @@ def chunk_frame(volume: Volume, t: int, level: int, brick_zyx: Zyx) -> bytes | N
     return zstd_frame.compress(little_bytes(voxels), ZSTD_LEVEL)
 
 
-def _chunk(volume: Volume, t: int, level: int, brick_zyx: Zyx) -> Chunk:
+def _chunk(volume: LocalVolume, t: int, level: int, brick_zyx: Zyx) -> Chunk:
     return Chunk(
         name=("box", *map(str, (level, t, *brick_zyx))),
         read=lambda volume: chunk_frame(volume, t, level, brick_zyx),
@@ -162,13 +162,13 @@ def _chunk(volume: Volume, t: int, level: int, brick_zyx: Zyx) -> Chunk:
     )
 
 
-def _is_a_stored_brick(volume: Volume, level: int, brick_zyx: Zyx) -> bool:
+def _is_a_stored_brick(volume: LocalVolume, level: int, brick_zyx: Zyx) -> bool:
     """Whether the chunk in a zstd frame is on disk: one lossless channel, and nothing to cut."""
     is_whole = _cut_shape(volume, level, brick_zyx) == volume.brick_shape_zyx
     return is_whole and volume.nc == 1 and volume.level_codec(level) is None
 
 
-def _brick_of(volume: Volume, level: int, bounds_xyz: list[int]) -> Zyx | None:
+def _brick_of(volume: LocalVolume, level: int, bounds_xyz: list[int]) -> Zyx | None:
     """The brick that, cut to the level, is x0, x1, y0, y1, z0, z1; None where none is."""
     starts = list(reversed(bounds_xyz[::2]))
     z, y, x = (start // n for start, n in zip(starts, volume.brick_shape_zyx, strict=True))
@@ -178,14 +178,14 @@ def _brick_of(volume: Volume, level: int, bounds_xyz: list[int]) -> Zyx | None:
     return (z, y, x) if _bounds_xyz(volume, level, (z, y, x)) == bounds_xyz else None
 
 
-def _bounds_xyz(volume: Volume, level: int, brick_zyx: Zyx) -> list[int]:
+def _bounds_xyz(volume: LocalVolume, level: int, brick_zyx: Zyx) -> list[int]:
     starts = [i * n for i, n in zip(brick_zyx, volume.brick_shape_zyx, strict=True)]
     lengths = _cut_shape(volume, level, brick_zyx)
     pairs = [(start, start + n) for start, n in zip(starts, lengths, strict=True)]
     return [bound for pair in reversed(pairs) for bound in pair]
 
 
-def _cut_shape(volume: Volume, level: int, brick_zyx: Zyx) -> Zyx:
+def _cut_shape(volume: LocalVolume, level: int, brick_zyx: Zyx) -> Zyx:
     shape_zyx = volume.levels[level].shape_zyx
     z, y, x = (
         min(brick, size - i * brick)

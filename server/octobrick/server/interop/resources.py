@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from octobrick.codec.errors import NotFoundError
-from octobrick.store import Volume
+from octobrick.store import LocalVolume
 
 INDEX = r"(0|[1-9][0-9]{0,9})"
 """A number in a key, in the one way to write it; ten digits hold the longest side of a volume."""
@@ -44,7 +44,7 @@ class Chunk:
     """
 
     name: tuple[str, ...]
-    read: Callable[[Volume], bytes | None]
+    read: Callable[[LocalVolume], bytes | None]
     is_stored: bool
     is_content: bool
 

@@ -16,7 +16,7 @@ from octobrick.server.interop import ome_zarr, precomputed
 from octobrick.server.interop.interop_reply import Question, interop_reply, parse_name
 from octobrick.server.interop.resources import Resource
 from octobrick.server.services import Services
-from octobrick.store import Volume
+from octobrick.store import LocalVolume
 
 router = APIRouter()
 
@@ -44,7 +44,7 @@ for path, endpoint in (
     router.add_route(path, endpoint, ["GET"], include_in_schema=False)
 
 
-async def _answer(request: Request, find: Callable[[Volume, str], Resource]) -> Response:
+async def _answer(request: Request, find: Callable[[LocalVolume, str], Resource]) -> Response:
     services: Services = request.app.state.services
     volume_id, revision = parse_name(request.path_params["volume_id"])
     question = Question(volume_id, revision, request.path_params["key"], dict(request.headers))

@@ -14,9 +14,11 @@ from octobrick.store.export.ome_zarr import levels_of
 from octobrick.store.export.options import WriterOptions
 from octobrick.store.export.region import Region
 from octobrick.store.export.result import ExportResult
+from octobrick.store.local_volume import LocalVolume
+from octobrick.store.opening import open_volume
 from octobrick.store.progress import ProgressCallback, ProgressMeter, peak_rss_nbytes
 from octobrick.store.staging import staged_file, staged_folder
-from octobrick.store.volume import Volume, open_volume
+from octobrick.store.volume import Volume
 
 
 def export(
@@ -40,7 +42,7 @@ def export(
     say where it does not.
 
     Args:
-        volume: open, or its folder.
+        volume: open, or its folder or address.
         out: ``NAME`` with one of ``EXPORT_SUFFIXES``. An ``.ome.zarr`` gets all coarser levels too.
         level: which level.
         box: in voxels of that level; by default all of it.
@@ -69,7 +71,8 @@ def export(
     with contextlib.ExitStack() as stack:
         if not isinstance(volume, Volume):
             volume = stack.enter_context(open_volume(volume))
-        _refuse_inside(out, volume)
+        if isinstance(volume, LocalVolume):
+            _refuse_inside(out, volume)
         region = Region(volume, level, box, t, c, workers=workers)
         levels = list(levels_of(region)) if format_.is_folder else [region]
         meter = ProgressMeter(sum(each.box.nvoxels for each in levels), progress)
@@ -106,7 +109,7 @@ def _staged(out: Path, format_: ExportFormat, *, overwrite: bool) -> Iterator[Pa
             yield partial
 
 
-def _refuse_inside(out: Path, volume: Volume) -> None:
+def _refuse_inside(out: Path, volume: LocalVolume) -> None:
     """A volume is not to be replaced by, or to hold, what is read from it."""
     folder, target = volume.path.resolve(), out.resolve()
     if target == folder or folder in target.parents or target in folder.parents:
