@@ -47,3 +47,13 @@ def test_a_camera_looks_at_the_middle_of_the_bounds_from_where_they_fit(volume: 
 def test_a_window_that_is_none_is_refused(volume: Volume) -> None:
     with pytest.raises(InvalidInputError, match="window"):
         visible_bounds(volume, BRIGHT, window=(5.0, 5.0))
+
+
+def test_bounds_of_one_function_are_found_once_and_are_the_callers_own(
+    volume: Volume, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    low, _ = visible_bounds(volume, BRIGHT)
+    wanted = low.tolist()
+    low += 100
+    monkeypatch.setattr(Volume, "read", lambda *_, **__: pytest.fail("read again"))
+    assert visible_bounds(volume, BRIGHT)[0].tolist() == wanted

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Hashable
+from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +14,10 @@ from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.camera import Bounds, world_bounds
 from octobrick.renderer.classifier import Classifier, ValueScale, checked_window
 from octobrick.renderer.transfer_function import TransferFunction
+
+_KEPT = 64  # bounds of a view's functions, for the next pictures of it: bricks never change
+_kept: OrderedDict[tuple[Hashable, ...], Bounds] = OrderedDict()
+_lock = Lock()
 
 _SIDE_MAX = 128  # voxels: 2 Mi at most are looked at, which takes a few milliseconds
 
@@ -44,10 +51,32 @@ def visible_bounds(
     """
     sizes = [max(level.shape_zyx) for level in volume.levels]
     index = next((i for i, size in enumerate(sizes) if size <= _SIDE_MAX), len(sizes) - 1)
+    window = checked_window(window, volume.window)
+    key = (volume.revision, index, t, c, transfer_function, window)
+    with _lock:
+        bounds = _kept.get(key)
+    if bounds is None:
+        bounds = _bounds_in(volume, index, transfer_function, window, t=t, c=c)
+        with _lock:
+            _kept[key] = bounds
+            while len(_kept) > _KEPT:
+                _kept.popitem(last=False)
+    low, high = bounds
+    return low.copy(), high.copy()
+
+
+def _bounds_in(
+    volume: ReadableSource,
+    index: int,
+    transfer_function: TransferFunction,
+    window: tuple[float, float],
+    *,
+    t: int,
+    c: int,
+) -> Bounds:
     level = volume.levels[index]
     voxels = volume.read(index, t=t, c=c)
     scale = ValueScale.of(volume.dtype, volume.value_range)
-    window = checked_window(window, volume.window)
     classifier = Classifier(transfer_function, scale, window, step_ratio=1.0)
     visible = classifier.visible(voxels, voxels)
     if not visible.any():

@@ -178,7 +178,8 @@ def ordered(
 
     By slabs of bricks across the view's main axis, as they are drawn, and in each by distance.
     """
-    found = np.argwhere(bricks[part]) + [axis.start or 0 for axis in part]
+    found: NDArray[np.intp] = np.argwhere(bricks[part])
+    found += [axis.start or 0 for axis in part]
     if not len(found):
         return np.asarray(found)
     low, high = brick_bounds(found, 0, geometry, brick_zyx)

@@ -33,10 +33,10 @@ from octobrick.store.brick_stream import (
 
 logger = logging.getLogger(__name__)
 
-GROUP_NBYTES: Final = 131_072
-"""A group ends with the brick that reaches this: one of 100 KB and more, some hundred small ones.
-So a thousand clients that take nothing hold a few hundred MB, and small bricks share the cost of
-going to another thread and back."""
+GROUP_NBYTES: Final = 262_144
+"""A group ends with the brick that reaches this: some large ones, or some hundred small ones, share
+the cost of going to another thread and back. A thousand clients that take nothing hold half a
+GB."""
 GROUP_BRICKS: Final = 128
 
 Place = tuple[int, int, int, int, int, int]
