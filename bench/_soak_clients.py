@@ -16,7 +16,7 @@ V1 = "/v1/volumes"
 BRICK_ROUTE = V1 + "/{volume_id}/{revision}/bricks/{level}/{t}/{c}/{z}/{y}/{x}"
 # What a client may be told while volumes are replaced and damaged and workers die: all else is
 EXPECTED = {"corrupt-brick", "corrupt-volume", "revision-gone", "busy", "render-timeout"}
-EXPECTED |= {"volume-not-found", "render-crashed", "incomplete-volume"}
+EXPECTED |= {"volume-not-found", "volume-replaced", "render-crashed", "incomplete-volume"}
 BATCH_BRICKS = 24
 
 

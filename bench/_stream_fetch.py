@@ -31,7 +31,7 @@ def main() -> None:
         print("{}")
         return
     client.close()
-    view = f"{V1}/{name}/select?{VIEW}" if V1 + "/{volume_id}/select" in routes else None
+    view = f"{V1}/head/select?{VIEW}" if V1 + "/{volume_id}/select" in routes else None
     with open_volume(Path(served) / f"{name}.zarr") as volume:
         print(json.dumps(fetch(way, (host, int(port)), name, volume, view)))
 
