@@ -1,7 +1,4 @@
-"""Servers that benchmarks of the service start: octobrick under several servers, and nginx.
-
-python bench/_service.py SERVER WORKERS PORT    (settings from the environment)
-"""
+"""Servers that benchmarks of the service start: octobrick under several servers, and nginx."""
 
 from __future__ import annotations
 
@@ -20,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve()
-SERVERS = ("direct", "uvicorn", "granian")
+SERVERS = ("serve", "uvicorn", "granian")
 _START_SECONDS = 20
 _NGINX = """
 worker_processes {workers}; daemon off; pid {folder}/nginx.pid; error_log stderr;
@@ -66,20 +63,29 @@ def nginx(root: Path, workers: int, folder: Path) -> Iterator[tuple[int, int]]:
 def octobrick(data_dir: Path, workers: int, server: str) -> Iterator[tuple[int, int]]:
     """Octobrick with so many workers; its port and process.
 
-    `direct` is `octobrick serve`; the others have the application alone under a server.
+    `serve` is `octobrick serve`; the others have the application alone under a server.
     """
     port = free_port()
-    environment = {**os.environ, "OCTOBRICK_DATA_DIR": str(data_dir)}
-    command = [sys.executable, str(HERE), server, str(workers), str(port)]
-    if server == "granian":
-        # fmt: off
-        command = [
-            sys.executable, "-m", "granian", "--interface", "asgi", "--loop", "uvloop", "--no-log",
-            "--workers", str(workers), "--host", "127.0.0.1", "--port", str(port), "--factory",
+    environment = {
+        **os.environ,
+        "OCTOBRICK_DATA_DIR": str(data_dir),
+        "PYTHONPATH": str(HERE.parent),
+    }
+    address = ["--workers", str(workers), "--host", "127.0.0.1", "--port", str(port)]
+    # fmt: off
+    options = {
+        "serve": ["octobrick.server.cli", "serve", str(data_dir), "--log-level", "error"],
+        "uvicorn": [
+            "uvicorn", "--http", "httptools", "--loop", "uvloop", "--no-access-log",
+            "--log-level", "error", "--factory", "_service:application",
+        ],
+        "granian": [
+            "granian", "--interface", "asgi", "--loop", "uvloop", "--no-log", "--factory",
             "_service:application",
-        ]
-        # fmt: on
-        environment["PYTHONPATH"] = str(HERE.parent)
+        ],
+    }[server]
+    # fmt: on
+    command = [sys.executable, "-m", *options, *address]
     with _running(command, environment, port, "/healthz") as process:
         yield port, process.pid
 
@@ -119,31 +125,3 @@ def _wait(process: subprocess.Popen[bytes], url: str) -> None:
         except OSError:
             time.sleep(0.1)
     sys.exit(f"no answer from {url}; the server said why above")
-
-
-def _serve(server: str, workers: int, port: int) -> None:
-    """Uvicorn as `octobrick serve` starts it, in several processes on one socket."""
-    import uvicorn
-
-    from octobrick.server.brick_headers import header_lines
-    from octobrick.server.direct_lane import DirectLane, direct_protocol
-    from octobrick.server.front_door import ADDED_HEADERS
-
-    listener = socket.create_server(("127.0.0.1", port), backlog=2048)
-    for _ in range(workers - 1):
-        if os.fork() == 0:
-            break
-    app = application()
-    http: Any = "httptools"
-    if server == "direct":
-        added = header_lines(ADDED_HEADERS)
-        http = direct_protocol(DirectLane(app.state.services, admit=lambda _: added))
-    options: dict[str, Any] = {"http": http, "loop": "uvloop", "ws": "none", "lifespan": "on"}
-    config = uvicorn.Config(
-        app, access_log=False, log_level="error", server_header=False, **options
-    )
-    uvicorn.Server(config).run(sockets=[listener])
-
-
-if __name__ == "__main__":
-    _serve(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))

@@ -9,7 +9,7 @@ Bricks of about 100 kB: 64³ voxels of noise, S3Dc with 3 bits. With one worker 
     direct     `octobrick serve`: uvicorn, bricks answered where the request was parsed
     uvicorn    the application alone, under uvicorn (uvloop, httptools)
     granian    the application alone, under granian (uvloop)
-    304        `direct`, asked with If-None-Match
+    304        `serve`, asked with If-None-Match
 
 Then 1,000 clients that read 4 kB a second each, and what the server's memory does meanwhile.
 """
@@ -114,7 +114,7 @@ def throughput(folder: Path, workers: int, rounds: int, seconds: int) -> dict[st
             ports[server] = stack.enter_context(
                 _service.octobrick(folder / "volumes", workers, server)
             )[0]
-        ports["304"] = ports["direct"]
+        ports["304"] = ports["serve"]
         script = folder / "walk.lua"
         runs: dict[str, list[dict[str, float]]] = {name: [] for name in ports}
         for port in ports.values():
@@ -200,7 +200,7 @@ def slow_readers(folder: Path, paths: list[str], seconds: int) -> dict[str, Any]
     """Many clients that take their time."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # the server's too: it is our child
-    with _service.octobrick(folder / "volumes", 1, "direct") as (port, pid):
+    with _service.octobrick(folder / "volumes", 1, "serve") as (port, pid):
         wrk(folder / "walk.lua", port, 2)
         return asyncio.run(sample(port, pid, paths, seconds))
 

@@ -21,7 +21,7 @@ from octobrick.server.brick_reply import BrickAddress, BrickReply
 from octobrick.server.direct_admission import DirectAdmission
 from octobrick.server.direct_lane import DirectLane, direct_protocol
 from octobrick.server.services import Services
-from octobrick.store import Volume, open_volume
+from octobrick.store import LocalVolume, open_volume
 
 ErrorOf = Callable[[Any], dict[str, Any]]
 
@@ -47,12 +47,12 @@ def services(app: FastAPI, client: Any) -> Services:
 
 
 @pytest.fixture
-def head(data_dir: Path) -> Volume:
+def head(data_dir: Path) -> LocalVolume:
     return open_volume(data_dir / "head.zarr")
 
 
 @pytest.fixture
-def address(head: Volume) -> BrickAddress:
+def address(head: LocalVolume) -> BrickAddress:
     return BrickAddress("head", head.revision, 0, 0, 0, (1, 0, 2))
 
 
@@ -109,7 +109,7 @@ def test_the_direct_lane_the_event_loop_and_a_thread_answer_alike(
 
 
 def test_requests_in_one_packet_are_answered_in_their_order(
-    app: FastAPI, base: str, services: Services, head: Volume
+    app: FastAPI, base: str, services: Services, head: LocalVolume
 ) -> None:
     lane = DirectLane(services, lambda _: b"")
     bricks = [(1, 0, 2), (1, 0, 1), (0, 0, 0), (2, 2, 3)]
@@ -131,7 +131,7 @@ def test_requests_in_one_packet_are_answered_in_their_order(
 
 
 def test_requests_that_the_application_has_to_see_are_left_to_it(
-    services: Services, address: BrickAddress, head: Volume
+    services: Services, address: BrickAddress, head: LocalVolume
 ) -> None:
     services.bricks.reply(address, "zstd", "")
     path = f"/v1/volumes/head/{head.revision}/bricks/0/0/0/1/0/2"
@@ -154,7 +154,7 @@ def reply_now(services: Services, address: BrickAddress) -> BrickReply | None:
 
 
 def test_a_brick_in_memory_is_answered_without_waiting(
-    services: Services, address: BrickAddress, head: Volume
+    services: Services, address: BrickAddress, head: LocalVolume
 ) -> None:
     assert reply_now(services, address) is None  # nothing is open yet
     slow = services.bricks.reply(address, "zstd", "")
@@ -184,7 +184,7 @@ def test_a_read_that_would_wait_or_fail_is_left_to_a_thread(
 
 
 def test_a_system_without_nowait_reads_in_threads(
-    client: Any, base: str, head: Volume, monkeypatch: pytest.MonkeyPatch
+    client: Any, base: str, head: LocalVolume, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(os, "RWF_NOWAIT", raising=False)
     for _ in range(2):
@@ -214,14 +214,14 @@ def test_a_volume_replaced_while_it_is_read_from_memory_is_not_answered(
 ) -> None:
     """Neither from the open shard nor from one that belongs to the new volume already."""
     services.bricks.reply(address, "zstd", "")
-    read = Volume.stored_brick_now
+    read = LocalVolume.stored_brick_now
 
-    def replace_and_read(volume: Volume, *at: Any) -> bytearray | None:
+    def replace_and_read(volume: LocalVolume, *at: Any) -> bytearray | None:
         content = read(volume, *at)
         replace_volume("head")
         return content
 
-    monkeypatch.setattr(Volume, "stored_brick_now", replace_and_read)
+    monkeypatch.setattr(LocalVolume, "stored_brick_now", replace_and_read)
     assert reply_now(services, address) is None
 
 
@@ -261,7 +261,7 @@ def test_every_brick_read_while_volumes_are_swapped_is_of_its_revision(
     assert statuses <= {200, 404, 410, 500, 503}
 
 
-def test_gradients_are_served_as_they_are_stored(client: Any, base: str, head: Volume) -> None:
+def test_gradients_are_served_as_they_are_stored(client: Any, base: str, head: LocalVolume) -> None:
     assert head.gradients is not None
     reply = client.get(f"{base}/gradients/1/0/0/0/1/1", headers={"accept-encoding": "zstd"})
     assert reply.headers["content-encoding"] == "zstd"
@@ -286,13 +286,13 @@ def test_many_at_once_decode_a_brick_once(
     client: Any, base: str, services: Services, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = []
-    code = Volume.brick_code
+    code = LocalVolume.brick_code
 
-    def counted(volume: Volume, *at: Any) -> bytes | None:
+    def counted(volume: LocalVolume, *at: Any) -> bytes | None:
         calls.append(at)
         return code(volume, *at)
 
-    monkeypatch.setattr(Volume, "brick_code", counted)
+    monkeypatch.setattr(LocalVolume, "brick_code", counted)
     asked = [
         threading.Thread(target=client.get, args=(f"{base}/bricks/0/0/0/1/0/2",)) for _ in range(8)
     ]
@@ -302,4 +302,4 @@ def test_many_at_once_decode_a_brick_once(
         thread.join()
     assert len(calls) == 1
     stats = services.decoded.stats()
-    assert (stats["misses"], stats["hits"], stats["entries"]) == (1, 7, 1)
+    assert (stats["misses_total"], stats["hits_total"], stats["entries"]) == (1, 7, 1)

@@ -116,8 +116,8 @@ def test_one_process_makes_picture_after_picture_and_tells_what_it_holds(
     assert Asked(pool, "picture").pid() == first
     wait_until(lambda: pool.stats()["running"] == 0)
     stats = pool.stats()
-    assert (stats["rendered"], stats["slab_nbytes"], stats["bricks_nbytes"]) == (2, 7, 0)
-    assert stats["render_seconds"] > 0
+    assert (stats["rendered_total"], stats["slab_nbytes"], stats["bricks_nbytes"]) == (2, 7, 0)
+    assert stats["render_seconds_total"] > 0
 
 
 @pytest.mark.parametrize("name", ["SIGSEGV", "SIGKILL"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,14 +38,6 @@ def _budget() -> Any:
     )
 
 
-class SelectQuery(ViewQuery):
-    """A view and a budget, all in the query of an address."""
-
-    width: int = _side(view.SIZE[0])
-    height: int = _side(view.SIZE[1])
-    budget_nbytes: int = _budget()
-
-
 class SelectBody(ViewBody):
     """A view and a budget, as JSON, with what the client has."""
 
@@ -64,6 +56,16 @@ class SelectBody(ViewBody):
     have_gradients: list[Place] = Field(
         [], description="Likewise for bricks of directions of gradients."
     )
+
+
+class SelectQuery(ViewQuery):
+    """A view and a budget, all in the query of an address."""
+
+    body_type: ClassVar[type[ViewBody]] = SelectBody
+
+    width: int = _side(view.SIZE[0])
+    height: int = _side(view.SIZE[1])
+    budget_nbytes: int = _budget()
 
 
 class SelectFidelity(BaseModel):
