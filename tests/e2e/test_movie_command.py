@@ -14,7 +14,7 @@ from PIL import Image
 
 from octobrick.renderer import Camera, Renderer
 from octobrick.server.cli import main
-from octobrick.server.view import View
+from octobrick.server.views.view import View
 from octobrick.store import ingest, open_volume
 
 pytestmark = pytest.mark.gl

@@ -242,7 +242,7 @@ def test_workers_that_cannot_start_end_the_server_with_status_1(tmp_path: Path) 
     program = (
         "import pathlib, socket\n"
         "from octobrick.server.settings import Settings\n"
-        "from octobrick.server.supervisor import Supervisor\n"
+        "from octobrick.server.operations.supervisor import Supervisor\n"
         f"settings = Settings(data_dir=pathlib.Path({str(tmp_path / 'gone')!r}), workers=2)\n"
         "with socket.create_server(('127.0.0.1', 0)) as listener:\n"
         "    raise SystemExit(Supervisor(settings, listener, lambda: print('ready')).run())\n"

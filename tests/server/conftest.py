@@ -167,7 +167,11 @@ def wait_until() -> Callable[[Callable[[], bool]], None]:
 @pytest.fixture
 def app(data_dir: Path, renderer: FakeRenderer) -> FastAPI:
     settings = Settings(
-        data_dir=data_dir, max_image_side=1024, max_image_pixels=768 * 1024, max_body_nbytes=4096
+        warm_start=False,  # what the tests count is theirs
+        data_dir=data_dir,
+        max_image_side=1024,
+        max_image_pixels=768 * 1024,
+        max_body_nbytes=4096,
     )
     return create_app(settings, make_renderer=lambda: renderer)  # type: ignore[arg-type,return-value]
 

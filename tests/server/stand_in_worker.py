@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
-from octobrick.server.message_pipe import MessagePipe
-from octobrick.server.render_task import PicturePart, RenderTask
-from octobrick.server.render_worker import work
+from octobrick.server.pictures.message_pipe import MessagePipe
+from octobrick.server.pictures.render_task import PicturePart, RenderTask
+from octobrick.server.pictures.render_worker import work
 
 
 class Painter:

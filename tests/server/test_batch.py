@@ -12,7 +12,7 @@ import pytest
 from fastapi import FastAPI
 
 from octobrick.codec import S3dc
-from octobrick.server import brick_stream
+from octobrick.server.bricks import brick_stream
 from octobrick.store import ingest, open_volume
 from octobrick.store.brick_stream import BrickStreamReader, Kind, Record, Status
 

@@ -16,10 +16,10 @@ import pytest
 import uvicorn
 from fastapi import FastAPI
 
-from octobrick.server.brick_headers import header_lines
-from octobrick.server.brick_reply import BrickAddress, BrickReply
-from octobrick.server.direct_admission import DirectAdmission
-from octobrick.server.direct_lane import DirectLane, direct_protocol
+from octobrick.server.bricks.brick_headers import header_lines
+from octobrick.server.bricks.brick_reply import BrickAddress, BrickReply
+from octobrick.server.bricks.direct_admission import DirectAdmission
+from octobrick.server.bricks.direct_lane import DirectLane, direct_protocol
 from octobrick.server.services import Services
 from octobrick.store import LocalVolume, open_volume
 

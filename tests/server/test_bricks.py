@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from octobrick.server.brick_lane import parse_brick_path
+from octobrick.server.bricks.brick_lane import parse_brick_path
 from octobrick.server.reply import accepts_zstd, matches_etag
 from octobrick.store import Volume, open_volume
 
@@ -119,7 +119,7 @@ def test_the_fast_lane_and_the_documented_route_answer_alike(
     client: Any, base: str, monkeypatch: pytest.MonkeyPatch, method: str, headers: Any, path: str
 ) -> None:
     fast = client.request(method, f"{base}/{path}", headers=headers)
-    monkeypatch.setattr("octobrick.server.brick_lane.parse_brick_path", lambda _: None)
+    monkeypatch.setattr("octobrick.server.bricks.brick_lane.parse_brick_path", lambda _: None)
     slow = client.request(method, f"{base}/{path}", headers=headers)
     assert (fast.status_code, fast.content) == (slow.status_code, slow.content)
     assert fast.headers == slow.headers

@@ -14,9 +14,9 @@ from pydantic import SecretStr
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.server import Settings, create_app
-from octobrick.server.guard import guard_of
-from octobrick.server.signed_paths import signed_prefix
-from octobrick.server.tokens import token_entry
+from octobrick.server.security.guard import guard_of
+from octobrick.server.security.signed_paths import signed_prefix
+from octobrick.server.security.tokens import token_entry
 
 ErrorOf = Callable[[Any], dict[str, Any]]
 KEY = "k" * 32

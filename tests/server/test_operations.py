@@ -17,14 +17,14 @@ from prometheus_client.parser import text_string_to_metric_families
 from pydantic import SecretStr
 
 from octobrick.server import Settings, create_app
-from octobrick.server.access_log import AccessLog, shown_path
-from octobrick.server.log_format import JsonLines, TextLines
-from octobrick.server.metrics import BUCKETS_SECONDS, Metrics
-from octobrick.server.metrics_folder import MetricsFolder
-from octobrick.server.metrics_text import metrics_text
-from octobrick.server.request_id import RequestIds, current_request_id
-from octobrick.server.route_label import route_label
-from octobrick.server.signed_paths import signed_prefix
+from octobrick.server.operations.access_log import AccessLog, shown_path
+from octobrick.server.operations.log_format import JsonLines, TextLines
+from octobrick.server.operations.metrics import BUCKETS_SECONDS, Metrics
+from octobrick.server.operations.metrics_folder import MetricsFolder
+from octobrick.server.operations.metrics_text import metrics_text
+from octobrick.server.operations.request_id import RequestIds, current_request_id
+from octobrick.server.operations.route_label import route_label
+from octobrick.server.security.signed_paths import signed_prefix
 
 DOCS = Path(__file__).parents[2] / "docs" / "operations.md"
 ErrorOf = Callable[[Any], dict[str, Any]]

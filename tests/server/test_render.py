@@ -22,7 +22,7 @@ from octobrick.renderer import (
     visible_bounds,
 )
 from octobrick.server import Settings, create_app
-from octobrick.server.view import parse_background, parse_window
+from octobrick.server.views.view import parse_background, parse_window
 from octobrick.store import open_volume
 
 ErrorOf = Callable[[Any], dict[str, Any]]

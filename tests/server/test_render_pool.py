@@ -23,11 +23,11 @@ from octobrick.server.errors import (
     RenderingOffError,
     RenderTimeoutError,
 )
-from octobrick.server.fair_queue import FairQueue
-from octobrick.server.render_job import RenderJob
-from octobrick.server.render_pool import RenderPool, _pause_seconds
-from octobrick.server.render_task import RenderTask
-from octobrick.server.worker_process import ProcessWorker
+from octobrick.server.pictures.fair_queue import FairQueue
+from octobrick.server.pictures.render_job import RenderJob
+from octobrick.server.pictures.render_pool import RenderPool, _pause_seconds
+from octobrick.server.pictures.render_task import RenderTask
+from octobrick.server.pictures.worker_process import ProcessWorker
 
 STAND_IN = str(Path(__file__).with_name("stand_in_worker.py"))
 COMMAND = [sys.executable, STAND_IN, "{fd}"]
@@ -285,9 +285,9 @@ def test_without_workers_pictures_are_refused_for_good(make_pool: MakePool) -> N
 
 PARENT = """
 import sys, time
-from octobrick.server.render_job import RenderJob
-from octobrick.server.render_task import RenderTask
-from octobrick.server.worker_process import ProcessWorker
+from octobrick.server.pictures.render_job import RenderJob
+from octobrick.server.pictures.render_task import RenderTask
+from octobrick.server.pictures.worker_process import ProcessWorker
 worker = ProcessWorker([sys.executable, sys.argv[1], "{fd}"], 1000)
 print(worker.pid, flush=True)
 task = RenderTask("", None, "", {"do": "hang", "argument": sys.argv[2]})

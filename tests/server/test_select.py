@@ -13,9 +13,9 @@ import pytest
 from octobrick.codec import S3dc
 from octobrick.renderer import TransferFunction, select
 from octobrick.server import Settings, create_app
+from octobrick.server.bricks.selection import SelectBody, answer
 from octobrick.server.catalog import OpenVolume
-from octobrick.server.selection import SelectBody, answer
-from octobrick.server.view import View
+from octobrick.server.views.view import View
 from octobrick.store import ingest, open_volume
 
 URL = "/v1/volumes/head/select"

@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from octobrick.codec.errors import InvalidInputError
-from octobrick.server.signed_paths import (
+from octobrick.server.security.signed_paths import (
     is_signed,
     parse_keys,
     parse_prefix,

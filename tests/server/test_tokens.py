@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from octobrick.codec.errors import InvalidInputError, OctobrickError, ResourceError
-from octobrick.server.tokens import find_token, new_secret, parse_tokens, token_entry
-from octobrick.server.watched_file import WatchedFile
+from octobrick.server.security.tokens import find_token, new_secret, parse_tokens, token_entry
+from octobrick.server.security.watched_file import WatchedFile
 
 GOOD = {"name": "ann", "sha256": "0" * 64, "volumes": ["head*"]}
 

@@ -12,11 +12,10 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.middleware.errors import ServerErrorMiddleware
 from starlette.types import ASGIApp
 
-from octobrick.server.access_log import AccessLog
-from octobrick.server.brick_lane import BrickLane
+from octobrick.server.bricks.brick_lane import BrickLane
 from octobrick.server.error_replies import handle_errors
 from octobrick.server.front_door import FrontDoor
-from octobrick.server.gate import Gate
+from octobrick.server.operations.access_log import AccessLog
 from octobrick.server.routes import (
     batch,
     bricks,
@@ -28,7 +27,8 @@ from octobrick.server.routes import (
     tables,
     volumes,
 )
-from octobrick.server.security_headers import security_headers
+from octobrick.server.security.gate import Gate
+from octobrick.server.security.security_headers import security_headers
 from octobrick.server.services import Services
 from octobrick.server.settings import Settings
 

@@ -8,20 +8,24 @@ from typing import TYPE_CHECKING, Annotated
 
 from fastapi import Depends, Request
 
-from octobrick.server.brick_reply import BrickReplies
+from octobrick.server.bricks.brick_reply import BrickReplies
+from octobrick.server.bricks.tables import TableCache
 from octobrick.server.byte_cache import ByteCache
 from octobrick.server.catalog import Catalog
-from octobrick.server.guard import Access, Guard, guard_of
 from octobrick.server.interop.interop_reply import ChunkCache
-from octobrick.server.metrics import Counts, Metrics
-from octobrick.server.metrics_folder import MetricsFolder
-from octobrick.server.metrics_text import process_stats
-from octobrick.server.painter import Painter
-from octobrick.server.render_pool import RenderPool
+from octobrick.server.operations.metrics import Counts, Metrics
+from octobrick.server.operations.metrics_folder import MetricsFolder
+from octobrick.server.operations.metrics_text import process_stats
+from octobrick.server.operations.warm_start import WarmStart
+from octobrick.server.pictures.painter import Painter
+from octobrick.server.pictures.render_pool import RenderPool
+from octobrick.server.pictures.worker_process import (
+    RenderWorker,
+    ThreadWorker,
+    process_worker_factory,
+)
+from octobrick.server.security.guard import Access, Guard, guard_of
 from octobrick.server.settings import Settings
-from octobrick.server.tables import TableCache
-from octobrick.server.warm_start import WarmStart
-from octobrick.server.worker_process import RenderWorker, ThreadWorker, process_worker_factory
 
 if TYPE_CHECKING:
     from octobrick.renderer import Renderer

@@ -20,7 +20,7 @@ from octobrick.server.cli.view_options import holds_depth, view_of, view_options
 
 if TYPE_CHECKING:
     from octobrick.renderer import Camera, Shot
-    from octobrick.server.view import View
+    from octobrick.server.views.view import View
     from octobrick.store import Volume
 
 Steps = tuple[int, int | None, int]

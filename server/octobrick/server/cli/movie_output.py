@@ -16,7 +16,7 @@ from octobrick.server.cli.view_options import require_folder, require_no_annotat
 
 if TYPE_CHECKING:
     from octobrick.renderer import RenderedImage
-    from octobrick.server.view import View
+    from octobrick.server.views.view import View
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,10 +73,10 @@ def _wrong_setting(error: ValidationError) -> InvalidInputError:
 
 def _serve(settings: Settings) -> None:
     try:
-        from octobrick.server.guard import guard_of
-        from octobrick.server.log_format import log_config
-        from octobrick.server.server_process import ServerProcess, listen
-        from octobrick.server.supervisor import Supervisor
+        from octobrick.server.operations.log_format import log_config
+        from octobrick.server.operations.server_process import ServerProcess, listen
+        from octobrick.server.operations.supervisor import Supervisor
+        from octobrick.server.security.guard import guard_of
     except ImportError as error:
         raise _missing_extra(error) from error
     guard_of(settings)  # what is wrong with its files is told here, in one line

@@ -11,7 +11,7 @@ import click
 
 from octobrick.codec.errors import InvalidInputError, ResourceError
 from octobrick.server.cli.durations import Duration
-from octobrick.server.signed_paths import parse_keys, signed_prefix
+from octobrick.server.security.signed_paths import parse_keys, signed_prefix
 
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 _BASE = re.compile(rf"/(?:v1/volumes|zarr|precomputed)/({_ID.pattern})(?=/|\?|\Z)")

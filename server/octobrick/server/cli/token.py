@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 import click
 
 from octobrick.server.cli.durations import Duration
-from octobrick.server.tokens import new_secret, token_entry
+from octobrick.server.security.tokens import new_secret, token_entry
 
 
 @click.command()

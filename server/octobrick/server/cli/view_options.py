@@ -1,7 +1,7 @@
 """Options that say what a picture shows, shared by the commands that make some.
 
 Another option is a line of the table here, or of that in scene_options.py; a field of
-`octobrick.server.view.View` of the same name; and a row in docs/cli.md for each command.
+`octobrick.server.views.view.View` of the same name; and a row in docs/cli.md for each command.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from octobrick.codec.errors import InvalidInputError, NotFoundError
-from octobrick.server import view as defaults
 from octobrick.server.cli.scene_options import SCENE_OPTIONS, scene_fields
 from octobrick.server.cli.values import channels, numbers, several, size
-from octobrick.server.view import View, parse_background, preset_function
+from octobrick.server.views import view as defaults
+from octobrick.server.views.view import View, parse_background, preset_function
 
 if TYPE_CHECKING:
     from octobrick.renderer import TransferFunction

@@ -12,10 +12,10 @@ from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from octobrick.codec.errors import InvalidInputError
-from octobrick.server.brick_stream import BrickStream, BrickStreamResponse
+from octobrick.server.bricks.brick_stream import BrickStream, BrickStreamResponse
+from octobrick.server.bricks.places import require_bricks
 from octobrick.server.catalog import unknown_volume
 from octobrick.server.errors import BrickNotFoundError, LimitError, RevisionGoneError
-from octobrick.server.places import require_bricks
 from octobrick.server.reply import require_revision
 from octobrick.server.routes.shared import EXAMPLE_REVISION, VolumeId, documented
 from octobrick.server.services import Services, ServicesDep

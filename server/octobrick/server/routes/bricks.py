@@ -7,7 +7,7 @@ from typing import Annotated, Any, NamedTuple
 from fastapi import APIRouter, Depends, Header, Path, Response
 
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
-from octobrick.server.brick_reply import BrickAddress, BrickKind, BrickReply
+from octobrick.server.bricks.brick_reply import BrickAddress, BrickKind, BrickReply
 from octobrick.server.catalog import unknown_volume
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
 from octobrick.server.routes.shared import EXAMPLE_REVISION, Revision, VolumeId, documented

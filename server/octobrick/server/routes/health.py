@@ -15,9 +15,9 @@ from octobrick.server.errors import (
     RouteNotFoundError,
     UnauthorizedError,
 )
-from octobrick.server.guard import bearer_secret
-from octobrick.server.metrics_text import metrics_text
+from octobrick.server.operations.metrics_text import metrics_text
 from octobrick.server.routes.shared import documented
+from octobrick.server.security.guard import bearer_secret
 from octobrick.server.services import ServicesDep
 from octobrick.server.settings import Settings
 

@@ -21,10 +21,10 @@ from octobrick.server.errors import (
     RevisionGoneError,
     VolumeReplacedError,
 )
-from octobrick.server.parts_reply import Part, PartsReply
-from octobrick.server.picture_request import PictureBody, PictureQuery
-from octobrick.server.render_call import ClientGoneError, RenderCall
-from octobrick.server.render_task import CONTENT_TYPES, PicturePart, RenderTask
+from octobrick.server.pictures.parts_reply import Part, PartsReply
+from octobrick.server.pictures.picture_request import PictureBody, PictureQuery
+from octobrick.server.pictures.render_call import ClientGoneError, RenderCall
+from octobrick.server.pictures.render_task import CONTENT_TYPES, PicturePart, RenderTask
 from octobrick.server.reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.routes.shared import EXAMPLE_REVISION, VolumeId, documented
 from octobrick.server.services import Services, ServicesDep

@@ -10,11 +10,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Query, Response
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.server.bricks.selection import SelectBody, SelectQuery, SelectReply, answer
 from octobrick.server.catalog import unknown_volume
 from octobrick.server.errors import LimitError, RevisionGoneError
 from octobrick.server.reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.routes.shared import EXAMPLE_REVISION, VolumeId, documented
-from octobrick.server.selection import SelectBody, SelectQuery, SelectReply, answer
 from octobrick.server.services import Services, ServicesDep
 from octobrick.store.errors import VolumeFormatError
 

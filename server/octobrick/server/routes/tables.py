@@ -8,12 +8,12 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Response
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.server.bricks.tables import TableAddress, TableKind, table_reply
 from octobrick.server.catalog import OpenVolume, unknown_volume
 from octobrick.server.errors import BrickNotFoundError, RevisionGoneError
 from octobrick.server.reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.routes.shared import EXAMPLE_REVISION, Revision, VolumeId, documented
 from octobrick.server.services import ServicesDep
-from octobrick.server.tables import TableAddress, TableKind, table_reply
 from octobrick.store.errors import VolumeFormatError
 
 router = APIRouter(prefix="/v1", tags=["volumes"])

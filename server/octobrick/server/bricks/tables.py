@@ -9,9 +9,9 @@ from typing import Final, Literal
 import numpy as np
 
 from octobrick.codec.errors import CorruptDataError
+from octobrick.server.bricks.places import require_place
 from octobrick.server.byte_cache import ByteCache
 from octobrick.server.catalog import Catalog, OpenVolume
-from octobrick.server.places import require_place
 from octobrick.server.reply import IMMUTABLE, Reply, accepts_zstd, matches_etag, require_revision
 from octobrick.store.frame import compress, decompress
 

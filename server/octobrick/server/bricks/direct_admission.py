@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from starlette.types import Scope
 
-from octobrick.server.brick_headers import header_lines
-from octobrick.server.request_id import RequestIds
-from octobrick.server.route_label import route_label
-from octobrick.server.security_headers import DEFAULT_POLICY, security_headers
+from octobrick.server.bricks.brick_headers import header_lines
+from octobrick.server.operations.request_id import RequestIds
+from octobrick.server.operations.route_label import route_label
+from octobrick.server.security.security_headers import DEFAULT_POLICY, security_headers
 from octobrick.server.services import Services
 
 

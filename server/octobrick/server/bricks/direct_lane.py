@@ -17,9 +17,9 @@ from starlette.types import Scope
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from octobrick.codec.errors import OctobrickError
-from octobrick.server.brick_headers import header_lines
-from octobrick.server.brick_lane import conditions, parse_brick_path
-from octobrick.server.brick_reply import Content
+from octobrick.server.bricks.brick_headers import header_lines
+from octobrick.server.bricks.brick_lane import conditions, parse_brick_path
+from octobrick.server.bricks.brick_reply import Content
 from octobrick.server.services import Services
 
 Admit = Callable[[Scope], bytes | None]

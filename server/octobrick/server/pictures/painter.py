@@ -18,9 +18,9 @@ import numpy as np
 from octobrick.codec.errors import CorruptDataError, NotFoundError, OctobrickError, ResourceError
 from octobrick.server.catalog import OpenVolume
 from octobrick.server.errors import VolumeReplacedError
-from octobrick.server.picture_request import PictureBody
-from octobrick.server.render_task import CONTENT_TYPES, PicturePart, RenderTask
-from octobrick.server.view import View
+from octobrick.server.pictures.picture_request import PictureBody
+from octobrick.server.pictures.render_task import CONTENT_TYPES, PicturePart, RenderTask
+from octobrick.server.views.view import View
 from octobrick.store import LocalVolume, Volume, open_volume
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, Protocol
 
-from octobrick.server.brick_headers import BrickHead, BrickHeaders, RawHeaders, header_lines
+from octobrick.server.bricks.brick_headers import BrickHead, BrickHeaders, RawHeaders, header_lines
 from octobrick.server.byte_cache import ByteCache
 from octobrick.server.catalog import Catalog, OpenVolume
 from octobrick.server.errors import BrickNotFoundError

@@ -14,7 +14,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from octobrick.server.metrics import Counts, added, without_gauges
+from octobrick.server.operations.metrics import Counts, added, without_gauges
 
 logger = logging.getLogger(__name__)
 

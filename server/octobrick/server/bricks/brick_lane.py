@@ -3,7 +3,7 @@
 Routing, validation and dependency injection cost several times what it takes to read a brick
 from the page cache. So this plain ASGI layer answers the addresses that its pattern knows;
 everything else, also a malformed address, goes on to the route of the same path, which explains
-and documents. Both answer through :class:`octobrick.server.brick_reply.BrickReplies`.
+and documents. Both answer through :class:`octobrick.server.bricks.brick_reply.BrickReplies`.
 
 What is in memory is answered in the event loop, which never waits for a disk; a thread does.
 """
@@ -16,7 +16,7 @@ import re
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from octobrick.codec.errors import OctobrickError
-from octobrick.server.brick_reply import BrickAddress, BrickReply
+from octobrick.server.bricks.brick_reply import BrickAddress, BrickReply
 from octobrick.server.error_replies import error_reply
 from octobrick.server.services import Services
 

@@ -15,11 +15,11 @@ from types import FrameType
 import uvicorn
 
 from octobrick.server.app import create_app
-from octobrick.server.connection import Connection
-from octobrick.server.direct_admission import DirectAdmission
-from octobrick.server.direct_lane import DirectLane, direct_protocol
-from octobrick.server.log_format import log_config
-from octobrick.server.metrics_folder import WRITE_SECONDS, MetricsFolder
+from octobrick.server.bricks.direct_admission import DirectAdmission
+from octobrick.server.bricks.direct_lane import DirectLane, direct_protocol
+from octobrick.server.operations.connection import Connection
+from octobrick.server.operations.log_format import log_config
+from octobrick.server.operations.metrics_folder import WRITE_SECONDS, MetricsFolder
 from octobrick.server.services import Services
 from octobrick.server.settings import Settings
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 from urllib.parse import unquote
 
-from octobrick.server.route_label import BRICKS, GRADIENTS
-from octobrick.server.signed_paths import without_signature
+from octobrick.server.operations.route_label import BRICKS, GRADIENTS
+from octobrick.server.security.signed_paths import without_signature
 
 AccessPolicy = Literal["none", "errors", "routes", "all"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from octobrick.renderer import TransferFunction
-    from octobrick.server.view import View
+    from octobrick.server.views.view import View
     from octobrick.store import Volume
 
 PRESET: Final = "ct-bone"

@@ -22,10 +22,10 @@ from octobrick.server.errors import (
     RenderCrashedError,
     RenderTimeoutError,
 )
-from octobrick.server.message_pipe import MessageError, MessagePipe
-from octobrick.server.painter import Painter
-from octobrick.server.render_job import RenderJob
-from octobrick.server.render_task import PicturePart, error_from_json
+from octobrick.server.pictures.message_pipe import MessageError, MessagePipe
+from octobrick.server.pictures.painter import Painter
+from octobrick.server.pictures.render_job import RenderJob
+from octobrick.server.pictures.render_task import PicturePart, error_from_json
 
 logger = logging.getLogger(__name__)
 
@@ -105,7 +105,7 @@ class ThreadWorker:
 
 
 class ProcessWorker:
-    """A process of `octobrick.server.render_worker`, or of another command that speaks as it does.
+    """A process of `pictures.render_worker`, or of another command that speaks as it does.
 
     One thread uses it.
 
@@ -255,7 +255,7 @@ def process_worker_factory(
 ) -> Callable[[], ProcessWorker]:
     """What makes workers that render, with a budget for bricks."""
     # -P: no module of the folder in which the server happens to run is taken for ours.
-    module = [sys.executable, "-P", "-m", "octobrick.server.render_worker", "{fd}"]
+    module = [sys.executable, "-P", "-m", "octobrick.server.pictures.render_worker", "{fd}"]
     command = [*module, str(memory_budget_nbytes), str(payload_max_nbytes)]
     return lambda: ProcessWorker(command, payload_max_nbytes, memory_limit_nbytes)
 

@@ -15,7 +15,7 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.process_collector import ProcessCollector
 from prometheus_client.registry import Collector
 
-from octobrick.server.metrics import BUCKETS_SECONDS, Counts, family_of
+from octobrick.server.operations.metrics import BUCKETS_SECONDS, Counts, family_of
 
 # Of the numbers of a process those that mean something when several are added.
 _PROCESS_NUMBERS = {

@@ -11,10 +11,10 @@ from typing import Final
 from octobrick.codec.errors import OctobrickError, ResourceError
 from octobrick.server.errors import BusyError, RenderCrashedError, RenderingOffError
 from octobrick.server.errors import RenderTimeoutError as TimedOutError
-from octobrick.server.fair_queue import FairQueue
-from octobrick.server.render_job import Event, RenderJob
-from octobrick.server.render_task import RenderTask
-from octobrick.server.worker_process import RenderWorker, WorkerLostError
+from octobrick.server.pictures.fair_queue import FairQueue
+from octobrick.server.pictures.render_job import Event, RenderJob
+from octobrick.server.pictures.render_task import RenderTask
+from octobrick.server.pictures.worker_process import RenderWorker, WorkerLostError
 
 logger = logging.getLogger(__name__)
 

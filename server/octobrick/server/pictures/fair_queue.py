@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 
 from octobrick.server.errors import BusyError
-from octobrick.server.render_job import RenderJob
+from octobrick.server.pictures.render_job import RenderJob
 
 
 class FairQueue:

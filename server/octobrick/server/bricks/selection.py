@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from octobrick.server import view
 from octobrick.server.catalog import OpenVolume
 from octobrick.server.reply import require_revision
-from octobrick.server.view_request import ViewBody, ViewQuery
+from octobrick.server.views import view
+from octobrick.server.views.view_request import ViewBody, ViewQuery
 
 SIDE_MAX: Final = 65_536
 """Pixels along a side: beyond any wall of screens. What is selected depends little on it."""

@@ -1,6 +1,6 @@
 """A process that renders: tasks come through a socket, pictures go back.
 
-    python -m octobrick.server.render_worker FD MEMORY_BUDGET_NBYTES PAYLOAD_MAX_NBYTES
+    python -m octobrick.server.pictures.render_worker FD MEMORY_BUDGET_NBYTES PAYLOAD_MAX_NBYTES
 
 It ends when the other end of the socket closes, whatever it does at that moment, so it never
 outlives its server. Nothing that it meets in a volume or in a driver can harm another process.
@@ -20,8 +20,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from octobrick.codec.errors import OctobrickError
-from octobrick.server.message_pipe import MessagePipe
-from octobrick.server.render_task import PicturePart, RenderTask, error_to_json
+from octobrick.server.pictures.message_pipe import MessagePipe
+from octobrick.server.pictures.render_task import PicturePart, RenderTask, error_to_json
 
 if TYPE_CHECKING:
     from octobrick.renderer import Renderer
@@ -99,7 +99,7 @@ def main(arguments: list[str]) -> None:
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
     budget_nbytes, payload_max_nbytes = int(arguments[1]), int(arguments[2])
 
-    from octobrick.server.painter import Painter
+    from octobrick.server.pictures.painter import Painter
 
     def make_renderer() -> Renderer:
         from octobrick.renderer import Renderer  # needs the extra, and only pictures need it

@@ -8,10 +8,10 @@ from pydantic import BaseModel, Field
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.server.errors import LimitError
-from octobrick.server.render_task import CONTENT_TYPES, Format
+from octobrick.server.pictures.render_task import CONTENT_TYPES, Format
 from octobrick.server.settings import Settings
-from octobrick.server.view import View
-from octobrick.server.view_request import ViewBody, ViewQuery
+from octobrick.server.views.view import View
+from octobrick.server.views.view_request import ViewBody, ViewQuery
 
 
 class _PictureFields(BaseModel):

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, ValidationError
 
 from octobrick.codec.errors import InvalidInputError
-from octobrick.server import view, view_text
 from octobrick.server.errors import LimitError
 from octobrick.server.settings import Settings
-from octobrick.server.view import (
+from octobrick.server.views import view, view_text
+from octobrick.server.views.view import (
     Fit,
     GradientSource,
     ModeName,

@@ -11,9 +11,9 @@ from typing import Self
 from starlette.types import Receive
 
 from octobrick.server.errors import RenderTimeoutError
-from octobrick.server.render_job import Event
-from octobrick.server.render_pool import RenderPool
-from octobrick.server.render_task import PicturePart, RenderTask
+from octobrick.server.pictures.render_job import Event
+from octobrick.server.pictures.render_pool import RenderPool
+from octobrick.server.pictures.render_task import PicturePart, RenderTask
 
 
 class ClientGoneError(Exception):

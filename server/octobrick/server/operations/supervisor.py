@@ -23,7 +23,7 @@ from multiprocessing.connection import wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
-from octobrick.server.metrics_folder import MetricsFolder
+from octobrick.server.operations.metrics_folder import MetricsFolder
 from octobrick.server.settings import Settings
 
 logger = logging.getLogger(__name__)
@@ -185,7 +185,7 @@ class Supervisor:
 
 def _work(settings: Settings, listener: socket.socket, pipe: Pipe, folder: Path) -> None:
     """What a worker does: serve until the supervisor says stop, or is no more."""
-    from octobrick.server.server_process import ServerProcess
+    from octobrick.server.operations.server_process import ServerProcess
 
     server = ServerProcess(settings, lambda: pipe.send_bytes(_READY), folder)
 

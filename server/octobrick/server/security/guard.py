@@ -16,10 +16,10 @@ from starlette.types import Scope
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.server.errors import ForbiddenError, UnauthorizedError
+from octobrick.server.security.signed_paths import is_signed, parse_keys, parse_prefix
+from octobrick.server.security.tokens import Token, find_token, parse_tokens
+from octobrick.server.security.watched_file import WatchedFile
 from octobrick.server.settings import Settings
-from octobrick.server.signed_paths import is_signed, parse_keys, parse_prefix
-from octobrick.server.tokens import Token, find_token, parse_tokens
-from octobrick.server.watched_file import WatchedFile
 
 # Whatever is not listed here needs a token: a route added later is closed until someone opens it.
 _OPEN_PATHS = frozenset({"/healthz", "/readyz", "/metrics", "/docs", "/openapi.json"})

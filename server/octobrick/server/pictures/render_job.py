@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from octobrick.server.render_task import PicturePart, RenderTask
+from octobrick.server.pictures.render_task import PicturePart, RenderTask
 
 Event = PicturePart | Exception | None
 """A part of a picture; or the end: an error, or None where all parts were given."""

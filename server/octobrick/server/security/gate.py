@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from octobrick.codec.errors import InvalidInputError, OctobrickError
 from octobrick.server.error_replies import error_reply
 from octobrick.server.errors import AddressTooLongError, HeadersTooLongError, LimitError
-from octobrick.server.guard import Guard
+from octobrick.server.security.guard import Guard
 from octobrick.server.settings import Settings
 
 # Octets that some layer could take for a separator or an end once they are decoded: / \ % NUL.

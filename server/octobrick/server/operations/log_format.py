@@ -7,7 +7,7 @@ import logging
 import time
 from typing import Any, Literal
 
-from octobrick.server.request_id import current_request_id
+from octobrick.server.operations.request_id import current_request_id
 
 LogFormat = Literal["text", "json"]
 

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from octobrick.renderer import TransferFunction
     from octobrick.renderer.camera import Bounds
-    from octobrick.server.view import View
+    from octobrick.server.views.view import View
     from octobrick.store import Volume
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from octobrick.codec.errors import InvalidInputError
-from octobrick.server.own_functions import own_functions
+from octobrick.server.views.own_functions import own_functions
 
 if TYPE_CHECKING:
     from octobrick.renderer import (
@@ -157,7 +157,7 @@ class View:
                 source had no orientation where that was asked for.
         """
         from octobrick.renderer import Camera
-        from octobrick.server.view_bounds import bounds_of
+        from octobrick.server.views.view_bounds import bounds_of
 
         if self.own_camera is not None:
             return self.turned(self.own_camera, volume)

@@ -1,0 +1,1 @@
+"""How the service is run: processes, connections, logs and numbers."""

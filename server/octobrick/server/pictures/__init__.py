@@ -1,0 +1,1 @@
+"""Pictures over HTTP: the queue, and the processes that render."""
