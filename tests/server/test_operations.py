@@ -286,10 +286,11 @@ def test_ready_means_that_volumes_can_be_listed_and_nobody_said_stop(
     assert client.get("/healthz").status_code == 200
 
 
-def test_a_warm_start_opens_what_can_be_opened(client: Any) -> None:
-    services = client.app.state.services
-    services._warm_start.wait()
-    assert services.catalog.stats() == {"volumes": 4, "open_volumes": 2}
+def test_a_warm_start_opens_what_can_be_opened(data_dir: Path, make_client: Any) -> None:
+    with make_client(create_app(Settings(data_dir=data_dir))) as client:
+        services = client.app.state.services
+        services._warm_start.wait()
+        assert services.catalog.stats() == {"volumes": 4, "open_volumes": 2}
 
 
 # Headers and limits

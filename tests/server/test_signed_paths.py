@@ -47,7 +47,7 @@ def test_a_signature_is_not_good_for_another_volume(
 def test_any_change_of_a_prefix_is_refused(volume_id: str, expires: int, at: int, to: str) -> None:
     text = signed_prefix(KEY, volume_id, expires)
     at = len("/signed/") + at % (len(text) - len("/signed/"))
-    assume(text[at] != to)
+    assume(to not in (text[at], "/"))  # a slash behind it ends the prefix, and changes nothing
     for changed in (text[:at] + to + text[at + 1 :], text[:at] + text[at + 1 :], text + to):
         prefix = parse_prefix(f"{changed}/")
         assert prefix is None or not is_signed(prefix, volume_id, (KEY,))
