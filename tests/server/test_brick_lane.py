@@ -16,6 +16,7 @@ import pytest
 import uvicorn
 from fastapi import FastAPI
 
+from octobrick.server import Settings, create_app
 from octobrick.server.bricks.brick_headers import header_lines
 from octobrick.server.bricks.brick_reply import BrickAddress, BrickReply
 from octobrick.server.bricks.direct_admission import DirectAdmission
@@ -303,3 +304,23 @@ def test_many_at_once_decode_a_brick_once(
     assert len(calls) == 1
     stats = services.decoded.stats()
     assert (stats["misses_total"], stats["hits_total"], stats["entries"]) == (1, 7, 1)
+
+
+@pytest.mark.parametrize(
+    ("settings", "path", "admitted"),
+    [
+        ({}, "/v1/volumes/head", True),
+        ({"access_log": "all"}, "/v1/volumes/head", False),
+        ({"max_target_nbytes": 256}, "/" + "a" * 300, False),
+        ({"signing_key": "k" * 32}, "/v1/volumes/head", False),
+    ],
+)
+def test_the_direct_lane_admits_nobody_whom_the_layers_before_the_application_must_see(
+    data_dir: Path, make_client: Any, settings: dict[str, Any], path: str, admitted: bool
+) -> None:
+    app = create_app(Settings(data_dir=data_dir, **settings))
+    scope = {"path": path, "raw_path": path.encode(), "query_string": b"", "headers": []}
+    with make_client(app):
+        lines = DirectAdmission(app.state.services).admit(scope)
+    assert (lines is not None) == admitted
+    assert lines is None or (b"nosniff" in lines and b"x-request-id: " in lines)

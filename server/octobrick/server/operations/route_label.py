@@ -7,7 +7,7 @@ import re
 from starlette.types import Scope
 
 _BELOW_VOLUME = re.compile(
-    r"/v1/volumes/[^/]+/[^/]+/(bricks|gradients|attributes|tables)/|"
+    r"/v1/volumes/[^/]+/[^/]+/(bricks|gradients|attributes|tables)(?:/|$)|"
     r"/v1/volumes/[^/]+/(select|bricks|render)"
 )
 _OWN = frozenset({"/healthz", "/readyz", "/metrics", "/docs", "/openapi.json"})
