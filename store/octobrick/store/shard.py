@@ -150,6 +150,7 @@ class ShardReader:
 
     def __init__(self, path: Path, nslots: int) -> None:
         self.path = path
+        self._descriptor = -1  # as after `close`, if the file cannot be opened
         self._has_nowait = hasattr(os, "RWF_NOWAIT")  # Linux; not every file system has it
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
