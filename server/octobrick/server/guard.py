@@ -24,9 +24,7 @@ from octobrick.server.watched_file import WatchedFile
 # Whatever is not listed here needs a token: a route added later is closed until someone opens it.
 _OPEN_PATHS = frozenset({"/healthz", "/readyz", "/metrics", "/docs", "/openapi.json"})
 # Leave for a volume is leave for each of its revisions, which only interop's addresses name so.
-_VOLUME = re.compile(
-    r"/(?:v1/volumes/([^/]+)|(?:zarr2?|precomputed)/([^/@]+)(?:@[^/]*)?)(?:/|\Z)"
-)
+_VOLUME = re.compile(r"/(?:v1/volumes/([^/]+)|(?:zarr2?|precomputed)/([^/@]+)(?:@[^/]*)?)(?:/|\Z)")
 _LIST = "/v1/volumes"
 _SIGNED = "/signed/"
 
