@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import struct
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -50,6 +51,7 @@ class Client:
     def __init__(self, host: str, port: int, timeout_seconds: float = 60.0) -> None:
         self._connection = http.client.HTTPConnection(host, port, timeout=timeout_seconds)
         self.received_nbytes = 0
+        self.opened_seconds = 0.0  # when the connection was made, as time.monotonic has it
 
     def ask(self, method: str, path: str, body: Any = None, **headers: str) -> Reply:
         """One request and its whole answer.
@@ -72,6 +74,8 @@ class Client:
         if body is not None:
             data = json.dumps(body).encode()
             names["Content-Type"] = "application/json"
+        if self._connection.sock is None:
+            self.opened_seconds = time.monotonic()
         try:
             self._connection.request(method, path, data, names)
             return self._connection.getresponse()

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import http.client
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,16 +17,20 @@ BRICK_ROUTE = V1 + "/{volume_id}/{revision}/bricks/{level}/{t}/{c}/{z}/{y}/{x}"
 EXPECTED = {"corrupt-brick", "corrupt-volume", "revision-gone", "busy", "render-timeout"}
 EXPECTED |= {"volume-not-found", "volume-replaced", "render-crashed", "incomplete-volume"}
 BATCH_BRICKS = 24
+ORIGIN = "https://viewer.example"
+MAGIC = {"png": b"\x89PNG", "webp": b"RIFF", "jpeg": b"\xff\xd8\xff"}
 
 
-@dataclass(frozen=True)
-class Job:
-    """One kind of request."""
+class PageClient(Client):
+    """A client as a page of another origin is one, which may read every answer."""
 
-    name: str
-    route: str  # as the description of the server has it
-    weight: float
-    do: Callable[[Soak, Client, str, np.random.Generator], None]
+    def open(
+        self, method: str, path: str, body: Any = None, **headers: str
+    ) -> http.client.HTTPResponse:
+        """As `Client.open`; the answer must let the page read it."""
+        reply = super().open(method, path, body, origin=ORIGIN, **headers)
+        assert reply.getheader("access-control-allow-origin") == ORIGIN, f"{path}: not for pages"
+        return reply
 
 
 def detail(soak: Soak, client: Client, volume_id: str) -> dict[str, Any] | None:
@@ -42,14 +45,18 @@ def detail(soak: Soak, client: Client, volume_id: str) -> dict[str, Any] | None:
 
 def expect_error(soak: Soak, name: str, volume_id: str, reply: Reply) -> None:
     """An error must be of a kind that a fault explains."""
-    kind = reply.kind()
+    expect_kind(soak, name, volume_id, reply.kind(), f"{reply.status} {reply.body[:300]!r}")
+
+
+def expect_kind(soak: Soak, name: str, volume_id: str, kind: str, told: str) -> None:
+    """As `expect_error`, of an error that came by another way."""
     soak.count_error(kind)
     if kind == "revision-gone" and volume_id == "replaced":
         soak.saw("volume replaced", kind)
     elif kind in ("corrupt-brick", "corrupt-volume") and volume_id == "damaged":
         soak.saw("shard cut short", kind)
     elif kind not in EXPECTED or kind in ("revision-gone", "corrupt-brick", "corrupt-volume"):
-        soak.is_wrong(f"{name} of {volume_id}: {reply.status} {kind}: {reply.body[:300]!r}")
+        soak.is_wrong(f"{name} of {volume_id}: {kind}: {told}")
 
 
 def some_place(soak: Soak, revision: str, chance: np.random.Generator) -> Place:
@@ -149,10 +156,40 @@ def ask_select(soak: Soak, client: Client, volume_id: str, chance: np.random.Gen
     soak.count("select")
 
 
+def ask_gradients(soak: Soak, client: Client, _id: str, chance: np.random.Generator) -> None:
+    """Directions of the volume that stores some, one by one and in a stream."""
+    if (found := detail(soak, client, "steady")) is None:
+        return
+    revision = found["revision"]
+    gradients = soak.truth.volume(revision).gradients
+    assert gradients is not None
+    places = [p for p in (some_place(soak, revision, chance) for _ in range(24)) if p[0] > 0]
+    truths = [gradients.stored_brick(level, (z, y, x), t, c) for level, t, c, z, y, x in places]
+    for place, truth in list(zip(places, truths, strict=True))[:4]:
+        path = address("steady", revision, place).replace("/bricks/", "/gradients/")
+        reply = client.ask("GET", path, accept_encoding="zstd")
+        if reply.status not in (200, 204):
+            expect_error(soak, "gradients", "steady", reply)
+        elif (reply.body if reply.status == 200 else None) != truth:
+            soak.is_wrong(f"WRONG BYTES: {path}")
+        soak.count("gradients", verified=1)
+    if not places:
+        return
+    body = {"revision": revision, "kind": "gradients", "bricks": places}
+    stream = client.open("POST", f"{V1}/steady/bricks", body)
+    if stream.status != 200:
+        expect_error(soak, "gradients", "steady", Reply(stream.status, {}, stream.read()))
+        return
+    for index, status, payload in records(stream, len(places)):
+        if status == UNREADABLE or (payload if status == STORED else None) != truths[index]:
+            soak.is_wrong(f"WRONG BYTES: batch of directions {revision}: {places[index]}")
+    soak.count("batch, gradients", verified=len(places))
+
+
 def ask_render(soak: Soak, client: Client, volume_id: str, chance: np.random.Generator) -> None:
-    """A small picture."""
-    azimuth = int(chance.integers(0, 360, 1)[0])
-    words = f"azimuth={azimuth}&width=64&height=48&preset=microscopy"
+    """A small picture, and its 304."""
+    azimuth, name = int(chance.integers(360)), str(chance.choice(list(MAGIC)))
+    words = f"azimuth={azimuth}&width=64&height=48&preset=microscopy&format={name}"
     reply = client.ask("GET", f"{V1}/{volume_id}/render?{words}")
     if reply.status != 200:
         kind = reply.kind()
@@ -163,38 +200,17 @@ def ask_render(soak: Soak, client: Client, volume_id: str, chance: np.random.Gen
         else:
             expect_error(soak, "render", volume_id, reply)
         return
-    assert reply.body.startswith(b"\x89PNG"), "no PNG"
-    soak.count("render")
-
-
-def ask_zarr(soak: Soak, client: Client, volume_id: str, _chance: np.random.Generator) -> None:
-    """The metadata that a Zarr reader begins with."""
-    reply = client.ask("GET", f"/zarr/{volume_id}/zarr.json")
-    if reply.status != 200:
-        expect_error(soak, "zarr", volume_id, reply)
+    assert reply.body.startswith(MAGIC[name]), f"no {name}"
+    soak.count(f"render, {name}")
+    words += f"&revision={reply.headers['x-octobrick-revision']}"
+    once = client.ask("GET", f"{V1}/{volume_id}/render?{words}")
+    if once.status != 200:
+        if once.status != 503:
+            expect_error(soak, "render", volume_id, once)
         return
-    assert reply.json()["zarr_format"] == 3
-    soak.count("zarr")
-
-
-def ask_precomputed(
-    soak: Soak, client: Client, volume_id: str, _chance: np.random.Generator
-) -> None:
-    """The metadata that Neuroglancer begins with."""
-    reply = client.ask("GET", f"/precomputed/{volume_id}/info")
-    if reply.status != 200:
-        expect_error(soak, "precomputed", volume_id, reply)
-        return
-    assert reply.json()["type"] == "image"
-    soak.count("precomputed")
-
-
-ALL_JOBS = (
-    Job("metadata", V1 + "/{volume_id}", 1, ask_metadata),
-    Job("brick", BRICK_ROUTE, 4, ask_brick),
-    Job("batch", V1 + "/{volume_id}/bricks", 4, ask_batch),
-    Job("select", V1 + "/{volume_id}/select", 2, ask_select),
-    Job("render", V1 + "/{volume_id}/render", 1, ask_render),
-    Job("zarr", "/zarr/{volume_id}/zarr.json", 0.5, ask_zarr),
-    Job("precomputed", "/precomputed/{volume_id}/info", 0.5, ask_precomputed),
-)
+    etag = once.headers["etag"]
+    again = client.ask("GET", f"{V1}/{volume_id}/render?{words}", if_none_match=etag)
+    if again.status == 304:
+        soak.count("304")
+    else:
+        expect_error(soak, "304 of a picture", volume_id, again)

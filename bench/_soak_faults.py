@@ -10,13 +10,16 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from _clients import HEADER
-from _processes import command_of, descendants
+from _processes import children, command_of, descendants
+from _soak_remote import fill_cache
 
 if TYPE_CHECKING:
     from _soak_run import Soak
 
 V1 = "/v1/volumes"
 DAMAGE_SECONDS = 1.0
+DYING_SECONDS = 0.5  # a connection made so soon after may still be the dead one's
+COMES_BACK_SECONDS = 45.0  # the supervisor waits for up to 30 s
 
 
 def kill_worker(soak: Soak) -> bool:
@@ -29,6 +32,35 @@ def kill_worker(soak: Soak) -> bool:
     assert client.ask("GET", "/healthz").status == 200, "the server died with its worker"
     client.close()
     return True
+
+
+def kill_server(soak: Soak) -> bool:
+    """One of several server processes is killed; only what it was at may break off."""
+    if soak.workers < 2:
+        return False
+    victim = min(_server_workers(soak))  # the oldest: one that lived long is replaced at once
+    orphans = descendants(victim)
+    os.kill(victim, signal.SIGKILL)
+    soak.killed_seconds = time.monotonic() + DYING_SECONDS
+    end = time.monotonic() + COMES_BACK_SECONDS
+    while time.monotonic() < end and not soak.stopping.is_set():
+        client = soak.client()
+        status = client.ask("GET", "/healthz").status
+        client.close()
+        if status != 200:
+            soak.is_wrong(f"/healthz is {status} after a server worker was killed")
+        alive = [pid for pid in _server_workers(soak) if pid != victim]
+        if len(alive) == soak.workers and not any(map(command_of, orphans)):
+            soak.saw("server worker killed", "replaced")
+            return True
+        time.sleep(0.2)
+    if not soak.stopping.is_set():
+        soak.is_wrong("a killed server worker was not replaced, or left processes behind")
+    return False
+
+
+def _server_workers(soak: Soak) -> list[int]:
+    return [pid for pid in children(soak.pid) if "spawn_main" in command_of(pid)]
 
 
 def cut_shard(soak: Soak) -> bool:
@@ -93,8 +125,6 @@ def replace_volume(soak: Soak) -> bool:
 
 def leave_batch(soak: Soak) -> bool:
     """A client goes away with most of its batch unread."""
-    if V1 + "/{volume_id}/bricks" not in soak.routes:
-        return False
     client = soak.client()
     revision = client.ask("GET", f"{V1}/steady").json()["revision"]
     body = {"revision": revision, "bricks": [[0, 0, 0, 0, 0, 0]] * 2_000}
@@ -111,8 +141,6 @@ def leave_batch(soak: Soak) -> bool:
 
 def read_slowly(soak: Soak) -> bool:
     """A client takes a batch in drops, and gets all of it all the same."""
-    if V1 + "/{volume_id}/bricks" not in soak.routes:
-        return False
     client = soak.client()
     revision = client.ask("GET", f"{V1}/steady").json()["revision"]
     body = {"revision": revision, "bricks": [[0, 0, 0, 1, 1, 1]] * 200}
@@ -133,4 +161,6 @@ FAULTS: dict[str, Callable[[Soak], bool]] = {
     "volume replaced": replace_volume,
     "client leaves a batch": leave_batch,
     "slow reader": read_slowly,
+    "client's cache full": fill_cache,
+    "server worker killed": kill_server,
 }

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import re
+import http.client
+import os
 import shutil
 import sys
 import threading
 import time
 from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from _clients import Client, Place
 from _processes import descendants, descriptors, growth, resident_nbytes
-from _soak_clients import ALL_JOBS, Job
+from _soak_clients import ORIGIN, PageClient
 from _soak_faults import FAULTS
+from _soak_guarded import Guarded
+from _soak_jobs import ALL_JOBS
 
 from octobrick.codec import S3dc
 from octobrick.store import Volume, ingest, open_volume
@@ -23,6 +27,7 @@ from octobrick.store import Volume, ingest, open_volume
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "script" / "lib"))
 SAMPLE_SECONDS = 0.5
+CACHE_NBYTES = 2_000_000  # of the project's client: less than the volumes, so that it makes room
 
 
 class Truth:
@@ -61,9 +66,10 @@ class Soak:
         folder: for volumes, copies and the log.
         source: what to ingest; None for a noisy ball of 96 x 128 x 128.
         clients: threads.
+        workers: server processes.
     """
 
-    def __init__(self, folder: Path, source: Path | None, clients: int) -> None:
+    def __init__(self, folder: Path, source: Path | None, clients: int, workers: int) -> None:
         self.folder, self.served = folder, folder / "served"
         self.truth = Truth()
         self.stopping = threading.Event()
@@ -73,8 +79,9 @@ class Soak:
         self.injected: Counter[str] = Counter()
         self.wrong: list[str] = []
         self.verified = 0
-        self.routes: set[str] = set()
-        self.pid, self.port = 0, 0
+        self.pid, self.port, self.workers = 0, 0, workers
+        self.killed_seconds = 0.0  # connections made before may break off
+        self.guarded = Guarded(folder)
         self._clients = clients
         self._lock = threading.Lock()
         self._make_volumes(source)
@@ -83,13 +90,20 @@ class Soak:
         """Serve, ask and break things for so long; returns the figures."""
         from children import ServerProcess
 
-        with ServerProcess(self.served, self.folder / "log") as server:
+        os.environ["OCTOBRICK_CORS_ORIGINS"] = f'["{ORIGIN}"]'
+        os.environ["OCTOBRICK_WORKERS"] = str(self.workers)
+        os.environ["OCTOBRICK_CACHE_DIR"] = str(self.folder / "cache")
+        os.environ["OCTOBRICK_CACHE_NBYTES"] = str(CACHE_NBYTES)
+        with ExitStack() as stack:
+            with self.guarded.settings():
+                closed = stack.enter_context(ServerProcess(self.served, self.folder / "closed.log"))
+            self.guarded.port = int(closed.url.rsplit(":", 1)[1])
+            server = stack.enter_context(ServerProcess(self.served, self.folder / "log"))
             self.port = int(server.url.rsplit(":", 1)[1])
             self.pid = server.pid
-            self.routes = set(self.client().ask("GET", "/openapi.json").json()["paths"])
-            jobs = [job for job in ALL_JOBS if self.has(job.route)]
+            self._servers = (server.pid, closed.pid)
             threads = [
-                threading.Thread(target=self._ask, args=(jobs, number))
+                threading.Thread(target=self._ask, args=(number,))
                 for number in range(self._clients)
             ]
             threads.append(threading.Thread(target=self._break, args=(seconds,)))
@@ -116,12 +130,7 @@ class Soak:
             },
             "memory": growth(memory),
             "descriptors": growth(files),
-            "absent": sorted(job.name for job in ALL_JOBS if not self.has(job.route)),
         }
-
-    def has(self, route: str) -> bool:
-        """Whether the server describes a route; what parameters are called does not matter."""
-        return any(_bare(route) == _bare(described) for described in self.routes)
 
     def client(self) -> Client:
         """A new connection to the server."""
@@ -161,7 +170,8 @@ class Soak:
         made.mkdir()
         for name, codec in (("steady", S3dc()), ("damaged", None), ("first", S3dc())):
             path = made / f"{name}.zarr"
-            ingest(source or voxels, path, codec=codec, brick=32, workers=1)
+            directed = name == "steady"
+            ingest(source or voxels, path, codec=codec, brick=32, workers=1, gradients=directed)
         ingest(source or voxels, made / "second.zarr", codec=S3dc(bits=2), brick=32, workers=1)
         for path in made.iterdir():
             self.truth.add(path)
@@ -169,20 +179,28 @@ class Soak:
             shutil.copytree(made / f"{name}.zarr", self.served / f"{name}.zarr")
         shutil.copytree(made / "first.zarr", self.served / "replaced.zarr")
 
-    def _ask(self, jobs: list[Job], number: int) -> None:
+    def _ask(self, number: int) -> None:
         chance = np.random.default_rng(number)
-        weights = np.array([job.weight for job in jobs], float)
-        client = self.client()
+        weights = np.array([job.weight for job in ALL_JOBS], float)
+        kind = PageClient if number % 2 else Client
+        client = kind("127.0.0.1", self.port)
         while not self.stopping.is_set():
-            job = jobs[int(chance.choice(len(jobs), p=weights / weights.sum()))]
+            job = ALL_JOBS[int(chance.choice(len(ALL_JOBS), p=weights / weights.sum()))]
             volume_id = str(chance.choice(["steady", "damaged", "replaced"]))
             try:
                 job.do(self, client, volume_id, chance)
             except Exception as error:  # whatever a client meets that was not promised
-                if not self.stopping.is_set():
+                if self._is_of_the_killed(client, error):
+                    self.saw("server worker killed", "connection broke off")
+                elif not self.stopping.is_set():
                     self.is_wrong(f"{job.name} of {volume_id}: {type(error).__name__}: {error}")
                 client.close()
         client.close()
+
+    def _is_of_the_killed(self, client: Client, error: Exception) -> bool:
+        """Whether a connection broke that was made before a server worker was killed."""
+        broke = isinstance(error, (ConnectionError, http.client.HTTPException, EOFError))
+        return broke and client.opened_seconds < self.killed_seconds
 
     def _break(self, seconds: float) -> None:
         """Each fault in turn, as many rounds as fit; a fault undoes itself."""
@@ -201,12 +219,8 @@ class Soak:
         memory, files = [], []
         begin = time.monotonic()
         while (now := time.monotonic() - begin) < seconds:
-            tree = [self.pid, *descendants(self.pid)]
+            tree = [pid for root in self._servers for pid in (root, *descendants(root))]
             memory.append((now, float(sum(map(resident_nbytes, tree)))))
             files.append((now, float(sum(map(descriptors, tree)))))
             time.sleep(SAMPLE_SECONDS)
         return memory, files
-
-
-def _bare(route: str) -> str:
-    return re.sub(r"\{[^}]*\}", "{}", route)

@@ -16,7 +16,7 @@ SOAK = Path(__file__).parents[2] / "bench" / "service_soak.py"
 def test_under_load_and_faults_no_byte_is_wrong_and_each_fault_is_told_by_its_kind(
     tmp_path: Path,
 ) -> None:
-    command = [sys.executable, str(SOAK), "--seconds", "15", "--clients", "3"]
+    command = [sys.executable, str(SOAK), "--seconds", "9", "--clients", "3"]
     done = subprocess.run(
         [*command, "--json", str(tmp_path / "soak.json")],
         capture_output=True,
@@ -30,3 +30,6 @@ def test_under_load_and_faults_no_byte_is_wrong_and_each_fault_is_told_by_its_ki
     assert not figures["wrong"]
     assert figures["faults"]["shard cut short"]["kinds"] == ["corrupt-brick"]
     assert "revision-gone" in figures["faults"]["volume replaced"]["kinds"]
+    assert figures["faults"]["client's cache full"]["injected"] == 1
+    compared = {"client", "precomputed, chunk", "zarr, chunk", "zarr2, chunk", "gradients"}
+    assert compared <= figures["requests"].keys()

@@ -33,6 +33,7 @@ def tokens_file(tmp_path: Path) -> Path:
     entries = [
         token_entry("ann", "ann-secret", ("head*",), None),
         token_entry("bob", "bob-secret", ("*",), None),
+        token_entry("eve", "eve-secret", ("head",), None),
         token_entry("old", "old-secret", ("*",), datetime.fromtimestamp(PAST, UTC)),
     ]
     path.write_text(json.dumps(entries))
@@ -122,6 +123,22 @@ def test_a_signed_address_gives_its_volume_until_it_expires(guarded: Any, brick:
     assert 0 < int(policy[1].removeprefix("max-age=")) <= 3_600, "no cache outlives the address"
 
 
+@pytest.mark.parametrize("route", ["zarr/{}/zarr.json", "zarr2/{}/.zgroup", "precomputed/{}/info"])
+def test_leave_for_a_volume_is_leave_for_its_pinned_addresses_in_other_formats(
+    guarded: Any, route: str
+) -> None:
+    eve = bearer("eve-secret")
+    revision = guarded.get("/v1/volumes/head", headers=eve).json()["revision"]
+    prefix = signed_prefix(KEY.encode(), "head", FUTURE)
+    for name in ("head", f"head@{revision}", f"head%40{revision}"):
+        address = "/" + route.format(name)
+        assert guarded.get(address, headers=eve).status_code == 200, address
+        assert guarded.get(prefix + address).status_code == 200, address
+        other = address.replace("head", "exact")
+        assert guarded.get(other, headers=eve).status_code == 403, other
+        assert guarded.get(prefix + other).status_code == 403, other
+
+
 @pytest.mark.parametrize(
     ("volume_id", "expires", "path"),
     [
@@ -130,6 +147,8 @@ def test_a_signed_address_gives_its_volume_until_it_expires(guarded: Any, brick:
         ("head", FUTURE, "/v1/volumes"),
         ("head", FUTURE, "/v1/volumes/"),
         ("head", FUTURE, "/v1/volumes/head2"),
+        ("head", FUTURE, "/zarr/head2@head/zarr.json"),
+        ("head", FUTURE, "/zarr/@head/zarr.json"),
         ("head", FUTURE, "/metrics"),
         ("head", FUTURE, "/signed/1/x/v1/volumes/head"),
     ],

@@ -228,6 +228,7 @@ def test_labels_are_few_whatever_is_asked() -> None:
         "/v1/volumes": "volumes",
         "/zarr/a/zarr.json": "zarr",
         "/precomputed/a/info": "precomputed",
+        "/zarr2/a/.zgroup": "zarr",
         "/x": "none",
         "": "none",
     }

@@ -14,7 +14,7 @@ from octobrick.server.cli.durations import Duration
 from octobrick.server.security.signed_paths import parse_keys, signed_prefix
 
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
-_BASE = re.compile(rf"/(?:v1/volumes|zarr|precomputed)/({_ID.pattern})(?=/|\?|\Z)")
+_BASE = re.compile(rf"/(?:v1/volumes|zarr2?|precomputed)/({_ID.pattern})(?=[/?@]|\Z)")
 _KEY = "OCTOBRICK_SIGNING_KEY"
 
 
@@ -39,8 +39,8 @@ def sign(address: str, expires: int, key_file: Path | None) -> None:
     match = _BASE.search(address)
     if match is None or "/signed/" in address:
         raise InvalidInputError(
-            f"{address:.200}: must be a volume's id, or an address with /v1/volumes/ID, /zarr/ID "
-            "or /precomputed/ID in it"
+            f"{address:.200}: must be a volume's id, or an address with /v1/volumes/ID, /zarr/ID, "
+            "/zarr2/ID or /precomputed/ID in it"
         )
     prefix = signed_prefix(key, match[1], int(time.time()) + expires)
     click.echo(address[: match.start()] + prefix + address[match.start() :])

@@ -30,7 +30,7 @@ def route_label(path: str) -> str:
         return "volumes"
     if path.startswith("/v1/volumes/"):
         return "volume"
-    if path.startswith("/zarr/"):
+    if path.startswith(("/zarr/", "/zarr2/")):
         return "zarr"
     if path.startswith("/precomputed/"):
         return "precomputed"

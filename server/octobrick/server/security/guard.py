@@ -23,7 +23,8 @@ from octobrick.server.settings import Settings
 
 # Whatever is not listed here needs a token: a route added later is closed until someone opens it.
 _OPEN_PATHS = frozenset({"/healthz", "/readyz", "/metrics", "/docs", "/openapi.json"})
-_VOLUME = re.compile(r"/(?:v1/volumes|zarr|precomputed)/([^/]+)(?:/|\Z)")
+# Leave for a volume is leave for each of its revisions, which only interop's addresses name so.
+_VOLUME = re.compile(r"/(?:v1/volumes/([^/]+)|(?:zarr2?|precomputed)/([^/@]+)(?:@[^/]*)?)(?:/|\Z)")
 _LIST = "/v1/volumes"
 _SIGNED = "/signed/"
 
@@ -80,7 +81,7 @@ class Guard:
         match = _VOLUME.match(path)
         allowed = token.allows_all or path == _LIST
         if not allowed and match is not None:
-            allowed = token.allows(match[1])
+            allowed = token.allows(match[1] or match[2])
         if not allowed:
             raise ForbiddenError(f"The token {token.name!r} does not cover this address")
         return Access(token.name, token.allows)
@@ -88,13 +89,13 @@ class Guard:
     def _admit_signed(self, path: str, scope: Scope) -> Access:
         prefix = parse_prefix(path)
         match = None if prefix is None else _VOLUME.match(path, prefix.length)
-        if prefix is None or match is None or not is_signed(prefix, match[1], self._keys()):
+        volume_id = "" if match is None else match[1] or match[2]
+        if prefix is None or not volume_id or not is_signed(prefix, volume_id, self._keys()):
             raise ForbiddenError("The signature of this address is not good for it")
         if prefix.expires_unix <= self._now():
             raise ForbiddenError(
                 "The signed address has expired; ask for a new one", expired=prefix.expires_unix
             )
-        volume_id = match[1]
         scope["path"] = path[prefix.length :]
         # The prefix holds nothing that is ever percent-encoded, so it has this length there too.
         scope["raw_path"] = (scope.get("raw_path") or path.encode())[prefix.length :]
