@@ -30,7 +30,14 @@ def kill_worker(soak: Soak) -> bool:
     os.kill(workers[0], signal.SIGKILL)
     client = soak.client()
     assert client.ask("GET", "/healthz").status == 200, "the server died with its worker"
+    reply = client.ask("GET", f"{V1}/steady/render?width=64&height=48&preset=microscopy")
     client.close()
+    if reply.status == 503 and "retry-after" in reply.headers:
+        soak.saw("worker killed", reply.kind())
+    elif reply.status == 200:
+        soak.saw("worker killed", "fresh worker")
+    else:
+        soak.is_wrong(f"a picture after a render worker was killed: {reply.status}")
     return True
 
 

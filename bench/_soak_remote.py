@@ -35,9 +35,12 @@ def ask_remote(soak: Soak, _client: Client, volume_id: str, chance: np.random.Ge
     """Open, read many bricks at once, some alone, and the directions where there are some."""
     from _soak_clients import expect_kind, some_place
 
+    from octobrick.store.http_volume import HttpVolume
+
     seen = 0
     try:
         with open_volume(f"http://127.0.0.1:{soak.port}/v1/volumes/{volume_id}") as remote:
+            assert isinstance(remote, HttpVolume)
             local = soak.truth.volume(remote.revision)
             asked = [some_place(soak, remote.revision, chance) for _ in range(BRICKS)]
             places = [(level, (z, y, x), t, c) for level, t, c, z, y, x in asked]
