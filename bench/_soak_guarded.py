@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from _clients import Client
 
-from octobrick.server.signed_paths import signed_prefix
-from octobrick.server.tokens import new_secret, token_entry
+from octobrick.server.security.signed_paths import signed_prefix
+from octobrick.server.security.tokens import new_secret, token_entry
 
 if TYPE_CHECKING:
     from _soak_run import Soak

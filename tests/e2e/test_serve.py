@@ -234,9 +234,9 @@ def test_bad_request_has_its_kind_and_the_server_goes_on(
 
 
 def test_long_body_is_refused(server: Server) -> None:
-    reply = server.request("POST", "/v1/volumes/head/render", b"x" * 100_000)
+    reply = server.request("POST", "/v1/volumes/head/render", b"x" * 300_000)
     assert reply.status == 413
-    assert reply.json()["error"]["facts"]["limit"] == 65_536
+    assert reply.json()["error"]["facts"]["limit"] == 262_144
 
 
 @pytest.mark.parametrize(

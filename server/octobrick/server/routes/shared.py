@@ -8,7 +8,14 @@ from fastapi import Path
 from pydantic import BaseModel
 
 from octobrick.codec.errors import InvalidInputError, OctobrickError
-from octobrick.server.errors import answer_to, public_view
+from octobrick.server.errors import (
+    AddressTooLongError,
+    ForbiddenError,
+    HeadersTooLongError,
+    UnauthorizedError,
+    answer_to,
+    public_view,
+)
 
 EXAMPLE_ID = "head"
 EXAMPLE_REVISION = "0f3c1a9be2d84f6c9f27a1b0c5d6e7f8"
@@ -25,8 +32,27 @@ Revision = Annotated[
     ),
 ]
 
-ODD_PATH = InvalidInputError(
-    "The path holds an encoded slash, backslash, percent sign or NUL; no address here does"
+# What the layers before every route may answer.
+_EVERYWHERE = (
+    InvalidInputError(
+        "The path holds an encoded slash, backslash, percent sign or NUL; no address here does"
+    ),
+    UnauthorizedError(
+        "This server wants a token: send it as 'Authorization: Bearer TOKEN'",
+    ),
+    ForbiddenError("The token does not give this volume", id=EXAMPLE_ID),
+    AddressTooLongError(
+        "The address has 9000 bytes; this server accepts 8192",
+        limit_name="max_target_nbytes",
+        limit=8192,
+        value=9000,
+    ),
+    HeadersTooLongError(
+        "The request has 120 headers; this server accepts 100",
+        limit_name="max_header_count",
+        limit=100,
+        value=120,
+    ),
 )
 
 
@@ -47,7 +73,7 @@ class ErrorReply(BaseModel):
 def documented(*errors: OctobrickError) -> dict[int | str, dict[str, Any]]:
     """OpenAPI responses for errors, each with the answer that it would give as its example."""
     responses: dict[int | str, dict[str, Any]] = {}
-    for error in (ODD_PATH, *errors):
+    for error in (*_EVERYWHERE, *errors):
         response = responses.setdefault(
             answer_to(type(error)).status,
             {"model": ErrorReply, "content": {"application/json": {"examples": {}}}},
