@@ -94,7 +94,7 @@ def application() -> Any:
     """The application, with settings from the environment."""
     from octobrick.server import Settings, create_app
 
-    return create_app(Settings())  # type: ignore[call-arg]
+    return create_app(Settings())
 
 
 @contextmanager

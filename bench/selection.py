@@ -32,7 +32,7 @@ from octobrick.codec import S3dc
 from octobrick.renderer import Camera, TransferFunction, select
 from octobrick.server import Settings, create_app
 from octobrick.server.catalog import Catalog
-from octobrick.store import Volume
+from octobrick.store import LocalVolume
 from octobrick.store.box import Zyx
 
 SIDE, BRICK = 100, 64
@@ -140,7 +140,7 @@ def server(volume: SyntheticVolume) -> Iterator[HTTPConnection]:
         while not running.started:
             time.sleep(0.01)
         app.state.services.catalog = Catalog(
-            None, lambda _: cast("Volume", volume), settings.volumes
+            None, lambda _: cast("LocalVolume", volume), settings.volumes
         )
         try:
             yield HTTPConnection("127.0.0.1", running.servers[0].sockets[0].getsockname()[1])

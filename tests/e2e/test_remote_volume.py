@@ -51,7 +51,10 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.gl
 @pytest.mark.parametrize("wait", [True, False])
-def test_the_renderer_draws_the_same_picture_through_it(folder: Path, url: str, wait: bool) -> None:
+@pytest.mark.parametrize(("level", "gradients"), [(0, "differences"), (1, "stored")])
+def test_the_renderer_draws_the_same_picture_through_it(
+    folder: Path, url: str, wait: bool, level: int, gradients: str
+) -> None:
     pictures = []
     for where in (folder / "ball.zarr", url):
         with open_volume(where) as volume, Renderer("64MiB", decode="cpu") as renderer:
@@ -59,7 +62,13 @@ def test_the_renderer_draws_the_same_picture_through_it(folder: Path, url: str, 
             function = TransferFunction.preset("ct-soft-tissue")
             while True:
                 image = renderer.render(
-                    volume, camera, function, (64, 48), wait=wait, gradients="differences"
+                    volume,
+                    camera,
+                    function,
+                    (64, 48),
+                    wait=wait,
+                    level=level,
+                    gradients=gradients,
                 )
                 if not image.stats.bricks["substituted"]:
                     break
@@ -75,10 +84,25 @@ def test_a_whole_batch_equals_the_volume_on_disk(folder: Path, url: str) -> None
         came = dict(iter(remote.brick_codes(places)))
         assert [came[i] for i in range(len(places))] == [local.brick_code(*p) for p in places]
         np.testing.assert_array_equal(remote.ranges(0), local.ranges(0))
-        coarser = [(1, tuple(zyx), 0, 0) for zyx in np.ndindex(*local.levels[1].grid_zyx)]
-        codes = [code for _, code in remote.gradients.brick_codes(coarser)]
-        assert codes == [local.gradients.code(*place) for place in coarser]
         assert remote.metadata() == local.metadata()
+
+
+def test_stored_gradients_equal_those_on_disk_one_by_one_and_together(
+    folder: Path, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OCTOBRICK_CACHE_NBYTES", "0")  # each way asks the server
+    with open_volume(folder / "ball.zarr") as local, open_volume(url) as remote:
+        assert remote.gradients.levels == local.gradients.levels == (1, 2, 3)
+        for level in local.gradients.levels:
+            grid_zyx = local.levels[level].grid_zyx
+            places = [(level, tuple(zyx), 0, 0) for zyx in np.ndindex(*grid_zyx)]
+            stored = [local.gradients.stored_brick(*place) for place in places]
+            assert any(stored)
+            assert [remote.gradients.stored_brick(*place) for place in places] == stored
+            codes = [local.gradients.code(*place) for place in places]
+            assert [remote.gradients.code(*place) for place in places] == codes
+            assert dict(iter(remote.gradients.brick_codes(places))) == dict(enumerate(codes))
+            np.testing.assert_array_equal(remote.gradients.read(level), local.gradients.read(level))
 
 
 def test_commands_take_the_address_as_they_take_the_folder(

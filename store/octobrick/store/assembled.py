@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterable
 from typing import Any
 
 from numpy.typing import NDArray
 
-from octobrick.store.box import Box, Zyx, cell_box, cells_touching
+from octobrick.store.box import Box, Zyx, cell_box
 
 
 def fill_from_bricks(
-    out: NDArray[Any], box: Box, brick_zyx: Zyx, brick: Callable[[Zyx], NDArray[Any]]
+    out: NDArray[Any], box: Box, brick_zyx: Zyx, bricks: Iterable[tuple[Zyx, NDArray[Any]]]
 ) -> None:
     """Fill an array with the voxels of a box.
 
@@ -19,11 +19,11 @@ def fill_from_bricks(
         out: (z, y, x, …) of the box's shape.
         box: of the level.
         brick_zyx: voxels per brick.
-        brick: gives a brick, of its full shape, by its place in the grid.
+        bricks: all that the box touches, in any order: place in the grid, and voxels of the full
+            shape. One at a time is held here.
     """
     z, y, x = box.start_zyx
-    for place in cells_touching(box, brick_zyx):
+    for place, voxels in bricks:
         own = cell_box(place, brick_zyx)
         wanted, (bz, by, bx) = own.intersect(box), own.start_zyx
-        voxels = brick(place)
         out[wanted.shift((-z, -y, -x)).slices] = voxels[wanted.shift((-bz, -by, -bx)).slices]

@@ -6,7 +6,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,8 @@ from octobrick.store.http_address import volume_address
 from octobrick.store.http_link import HttpLink, LinkOptions
 from octobrick.store.layout import METADATA_NBYTES_MAX
 from octobrick.store.level import Level
-from octobrick.store.remote_bricks import BrickBatch, Place, RemoteBricks
-from octobrick.store.stored_gradients import StoredGradients
+from octobrick.store.remote_bricks import BrickBatch, Place, RemoteBricks, codes_of
+from octobrick.store.stored_gradients import DirectionCodes, StoredGradients
 from octobrick.store.volume import TableKind, Volume, Voxels
 
 _DETAIL_NBYTES_MAX = 2**20
@@ -131,6 +131,13 @@ class HttpVolume(Volume):
         for place in places:
             self._require_brick(*place)
         return self._bricks.batch(places)
+
+    def _bricks_at(
+        self, level: int, places: Iterable[Zyx], t: int, c: int
+    ) -> Iterator[tuple[Zyx, Voxels]]:
+        asked = [(level, zyx, t, c) for zyx in places]
+        for (_, zyx, _, _), code in codes_of(asked, self.brick_codes(asked)):
+            yield zyx, self._decoded(code, level, zyx, t, c)
 
     def _small_array(self, kind: TableKind, level: int, t: int, c: int) -> Voxels:
         grid_zyx = self.level(level).grid_zyx
@@ -266,6 +273,13 @@ class HttpGradients(StoredGradients):
         for level, zyx, _, _ in places:
             self._require(level, zyx)
         return self._bricks.batch(places)
+
+    def _bricks_at(
+        self, level: int, places: Iterable[Zyx], t: int, c: int
+    ) -> Iterator[tuple[Zyx, DirectionCodes]]:
+        asked = [(level, zyx, t, c) for zyx in places]
+        for (_, zyx, _, _), code in codes_of(asked, self.brick_codes(asked)):
+            yield zyx, self._shaped(code)
 
     def _where(self, level: int, zyx: Zyx, t: int, c: int) -> str:
         return self._bricks.where((level, zyx, t, c))

@@ -256,3 +256,18 @@ class BrickBatch:
             if error.kind == "revision-gone":
                 raise
             return error
+
+
+def codes_of(places: Sequence[Place], batch: BrickBatch) -> Iterator[tuple[Place, bytes | None]]:
+    """Places and codes of a batch of which every brick is needed, each once it is here.
+
+    Raises:
+        OctobrickError: of the first brick that has one; no more of the others comes then.
+    """
+    try:
+        for number, code in batch:
+            if isinstance(code, OctobrickError):
+                raise code
+            yield places[number], code
+    finally:
+        batch.close()

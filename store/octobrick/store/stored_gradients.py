@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from octobrick.codec.errors import CorruptBrickError, InvalidInputError
 from octobrick.store import frame as zstd_frame
 from octobrick.store.assembled import fill_from_bricks
-from octobrick.store.box import Box, Zyx
+from octobrick.store.box import Box, Zyx, cells_touching
 from octobrick.store.brick_encoder import NO_DIRECTION
 from octobrick.store.gradient_pyramid import gradient_array
 from octobrick.store.level import Level
@@ -109,10 +109,7 @@ class StoredGradients(ABC):
         Raises:
             InvalidInputError, VolumeFormatError, CorruptBrickError: as `code`.
         """
-        shape, code = (*self.brick_shape_zyx, 3), self.code(level, zyx, t, c)
-        if code is None:
-            return np.full(shape, NO_DIRECTION, np.uint8)
-        return np.frombuffer(code, np.uint8).reshape(shape)
+        return self._shaped(self.code(level, zyx, t, c))
 
     def read(self, level: int, box: Box | None = None, t: int = 0, c: int = 0) -> DirectionCodes:
         """The codes of a box of a level, uint8 (z, y, x, 3); by default of all of it.
@@ -126,8 +123,22 @@ class StoredGradients(ABC):
         box = box or Box.of_shape(shape_zyx)
         box.require_within(shape_zyx, f"gradients of level {level}")
         out = np.empty((*box.shape_zyx, 3), np.uint8)
-        fill_from_bricks(out, box, self.brick_shape_zyx, lambda zyx: self.brick(level, zyx, t, c))
+        places = cells_touching(box, self.brick_shape_zyx)
+        fill_from_bricks(out, box, self.brick_shape_zyx, self._bricks_at(level, places, t, c))
         return out
+
+    def _bricks_at(
+        self, level: int, places: Iterable[Zyx], t: int, c: int
+    ) -> Iterator[tuple[Zyx, DirectionCodes]]:
+        """What `brick` gives of many places, in any order."""
+        for zyx in places:
+            yield zyx, self.brick(level, zyx, t, c)
+
+    def _shaped(self, code: bytes | None) -> DirectionCodes:
+        shape = (*self.brick_shape_zyx, 3)
+        if code is None:
+            return np.full(shape, NO_DIRECTION, np.uint8)
+        return np.frombuffer(code, np.uint8).reshape(shape)
 
     def _require(self, level: int, zyx: Zyx) -> None:
         if level not in self.levels:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import Any, Literal, Self
 
@@ -15,7 +16,7 @@ from octobrick.store import brick_codec
 from octobrick.store import frame as zstd_frame
 from octobrick.store.assembled import fill_from_bricks
 from octobrick.store.attributes import Number, VolumeAttributes
-from octobrick.store.box import Box, Zyx, grid_of
+from octobrick.store.box import Box, Zyx, cells_touching, grid_of
 from octobrick.store.brick_codec import BrickCodec, codec_text
 from octobrick.store.level import Level, Xyz
 from octobrick.store.stored_gradients import StoredGradients
@@ -199,14 +200,7 @@ class Volume(ABC):
             CorruptBrickError: naming the file or address and the brick.
             InvalidInputError: no such level or brick.
         """
-        code = self.brick_code(level, zyx, t, c)
-        if code is None:
-            return np.full(self.brick_shape_zyx, self.fill_value, self.dtype)
-        codec = self.level_codec(level)
-        try:
-            return brick_codec.decode(codec, code, self.brick_shape_zyx, self.dtype)
-        except CorruptBrickError as error:
-            raise self._located(error, level, zyx, t, c) from error
+        return self._decoded(self.brick_code(level, zyx, t, c), level, zyx, t, c)
 
     def read(self, level: int, box: Box | None = None, t: int = 0, c: int = 0) -> Voxels:
         """The decoded voxels of a box of a level, by default of all of it.
@@ -219,7 +213,8 @@ class Volume(ABC):
         box = box or Box.of_shape(shape_zyx)
         box.require_within(shape_zyx, f"{self.name} level {level}")
         out = np.empty(box.shape_zyx, self.dtype)
-        fill_from_bricks(out, box, self.brick_shape_zyx, lambda zyx: self.brick(level, zyx, t, c))
+        places = cells_touching(box, self.brick_shape_zyx)
+        fill_from_bricks(out, box, self.brick_shape_zyx, self._bricks_at(level, places, t, c))
         return out
 
     def decompressed(self, stored: bytes, level: int) -> bytes:
@@ -257,6 +252,22 @@ class Volume(ABC):
         return self._small_array("fidelity", level, t, c).astype(np.float32, copy=False)
 
     # Inside
+
+    def _bricks_at(
+        self, level: int, places: Iterable[Zyx], t: int, c: int
+    ) -> Iterator[tuple[Zyx, Voxels]]:
+        """What `brick` gives of many places, in any order."""
+        for zyx in places:
+            yield zyx, self.brick(level, zyx, t, c)
+
+    def _decoded(self, code: bytes | None, level: int, zyx: Zyx, t: int, c: int) -> Voxels:
+        if code is None:
+            return np.full(self.brick_shape_zyx, self.fill_value, self.dtype)
+        codec = self.level_codec(level)
+        try:
+            return brick_codec.decode(codec, code, self.brick_shape_zyx, self.dtype)
+        except CorruptBrickError as error:
+            raise self._located(error, level, zyx, t, c) from error
 
     @abstractmethod
     def _small_array(self, kind: TableKind, level: int, t: int, c: int) -> Voxels:
