@@ -1,8 +1,8 @@
 """Signed, expiring addresses: a path prefix that lets its holder use one volume for a while.
 
 ``/signed/{expires_unix}/{signature}`` goes before ``/v1/volumes/{id}``, ``/zarr/{id}``,
-``/zarr2/{id}`` or ``/precomputed/{id}``, so that any client can take it as the start of a base address. The
-signature is HMAC-SHA256, base64url without padding, of the volume's id and the expiry.
+``/zarr2/{id}`` or ``/precomputed/{id}``, so that any client can take it as the start of a base
+address. The signature is HMAC-SHA256, base64url without padding, of the volume's id and the expiry.
 """
 
 from __future__ import annotations
