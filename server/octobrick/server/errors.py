@@ -108,6 +108,10 @@ class VolumeReplacedError(ResourceError):
     kind = "volume-replaced"
 
 
+class ClientGoneError(Exception):
+    """The client left before it was answered: there is nobody to tell, so it has no kind."""
+
+
 class InternalError(OctobrickError):
     """A fault in octobrick itself: the server's log holds the details."""
 

@@ -10,12 +10,12 @@ import time
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from octobrick.server.error_replies import ERROR_KIND_HEADER, internal_error_reply
+from octobrick.server.errors import ClientGoneError
 from octobrick.server.operations.access_log import AccessLog, Passed
 from octobrick.server.operations.metrics import Metrics
 from octobrick.server.operations.request_id import RequestIds, current_request_id
 from octobrick.server.operations.route_label import method_label, route_label
 from octobrick.server.security.cache_headers import keep_private, keep_until
-from octobrick.server.security.gate import ClientGoneError
 from octobrick.server.security.guard import Access
 from octobrick.server.security.security_headers import DEFAULT_POLICY, RawHeaders
 

@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import Literal, Protocol
 
 from octobrick.server.bricks.brick_headers import BrickHead, BrickHeaders, RawHeaders, header_lines
+from octobrick.server.bricks.places import require_place
 from octobrick.server.byte_cache import ByteCache
 from octobrick.server.catalog import Catalog, OpenVolume
 from octobrick.server.errors import BrickNotFoundError
@@ -238,12 +239,7 @@ def _key(lent: OpenVolume, at: BrickAddress) -> Hashable:
 
 def _require_brick(volume: LocalVolume, address: BrickAddress) -> None:
     level, (z, y, x) = address.level, address.brick_zyx
-    if not 0 <= level < len(volume.levels):
-        raise _no_such("level", level, len(volume.levels))
-    if not 0 <= address.t < volume.nt:
-        raise _no_such("time step", address.t, volume.nt)
-    if not 0 <= address.c < volume.nc:
-        raise _no_such("channel", address.c, volume.nc)
+    require_place(volume, level, address.t, address.c)
     nz, ny, nx = grid_zyx = volume.levels[level].grid_zyx
     if not (0 <= z < nz and 0 <= y < ny and 0 <= x < nx):
         raise BrickNotFoundError(
@@ -260,11 +256,3 @@ def _require_brick(volume: LocalVolume, address: BrickAddress) -> None:
                 level=level,
                 levels=list(stored),
             )
-
-
-def _no_such(what: str, index: int, count: int) -> BrickNotFoundError:
-    return BrickNotFoundError(
-        f"The volume has no {what} {index}; it has {count}, counted from 0",
-        index=index,
-        count=count,
-    )

@@ -14,7 +14,7 @@ from starlette.types import Receive, Scope, Send
 
 from octobrick.codec.errors import OctobrickError
 from octobrick.server.error_replies import error_reply, internal_error_reply
-from octobrick.server.pictures.render_call import ClientGoneError
+from octobrick.server.errors import ClientGoneError
 
 Part = tuple[dict[str, str], bytes, bool]
 """Headers, body, and whether it is the last one."""

@@ -10,14 +10,10 @@ from typing import Self
 
 from starlette.types import Receive
 
-from octobrick.server.errors import RenderTimeoutError
+from octobrick.server.errors import ClientGoneError, RenderTimeoutError
 from octobrick.server.pictures.render_job import Event
 from octobrick.server.pictures.render_pool import RenderPool
 from octobrick.server.pictures.render_task import PicturePart, RenderTask
-
-
-class ClientGoneError(Exception):
-    """The client closed the connection: nobody is there to be answered."""
 
 
 class RenderCall:

@@ -14,6 +14,7 @@ from octobrick.codec.errors import InvalidInputError, ResourceError
 from octobrick.server.catalog import unknown_volume
 from octobrick.server.errors import (
     BusyError,
+    ClientGoneError,
     LimitError,
     RenderCrashedError,
     RenderingOffError,
@@ -23,7 +24,7 @@ from octobrick.server.errors import (
 )
 from octobrick.server.pictures.parts_reply import Part, PartsReply
 from octobrick.server.pictures.picture_request import PictureBody, PictureQuery
-from octobrick.server.pictures.render_call import ClientGoneError, RenderCall
+from octobrick.server.pictures.render_call import RenderCall
 from octobrick.server.pictures.render_task import CONTENT_TYPES, PicturePart, RenderTask
 from octobrick.server.reply import IMMUTABLE, matches_etag, require_revision
 from octobrick.server.routes.shared import EXAMPLE_REVISION, VolumeId, documented

@@ -10,16 +10,17 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from octobrick.codec.errors import InvalidInputError, OctobrickError
 from octobrick.server.error_replies import error_reply
-from octobrick.server.errors import AddressTooLongError, HeadersTooLongError, LimitError
+from octobrick.server.errors import (
+    AddressTooLongError,
+    ClientGoneError,
+    HeadersTooLongError,
+    LimitError,
+)
 from octobrick.server.security.guard import Guard
 from octobrick.server.settings import Settings
 
 # Octets that some layer could take for a separator or an end once they are decoded: / \ % NUL.
 _ENCODED_SEPARATOR = re.compile(rb"%(2f|5c|25|00)|\\", re.IGNORECASE)
-
-
-class ClientGoneError(Exception):
-    """The client left before its request was whole: there is nobody to answer."""
 
 
 class Gate:
