@@ -12,10 +12,9 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
-import numpy as np
-
 from octobrick.codec.errors import InvalidInputError, OctobrickError
 from octobrick.renderer.brick_loader import BrickLoader, LoadStats
+from octobrick.renderer.brick_ranges import brick_errors
 from octobrick.renderer.brick_source import BrickSource
 from octobrick.renderer.budget import parse_nbytes
 from octobrick.renderer.camera import Camera
@@ -302,7 +301,7 @@ class Renderer:
 
 def _fidelity(request: RenderRequest, plan: FramePlan, drawn: Drawn) -> Fidelity:
     errors = [
-        np.asarray(request.volume.fidelity(plan.level, request.t, channel.c))[..., 0][drawn.sampled]
+        brick_errors(request.volume, plan.level, request.t, channel.c)[drawn.sampled]
         for channel in request.channels
     ]
     wanted = finest_useful_level(request.volume, request.camera, request.size)
