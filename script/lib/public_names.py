@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from types import GenericAlias, ModuleType
 from typing import Any
 
-COMPONENTS = ("codec", "store", "renderer", "server")
+COMPONENTS = ("codec", "store", "renderer", "measure", "server")
 
 
 def names_of_module(module: ModuleType, path: str) -> Iterator[str]:

@@ -44,7 +44,7 @@ def too_long(file: File) -> str | None:
 
 
 def closes_namespace(file: File) -> str | None:
-    """Four folders are one namespace (PEP 420) only while none has ``octobrick/__init__.py``."""
+    """Five folders are one namespace (PEP 420) only while none has ``octobrick/__init__.py``."""
     if file.path.parts[-2:] == ("octobrick", "__init__.py"):
         return "makes octobrick a regular package and hides the other components: remove it"
     return None

@@ -117,7 +117,7 @@ dependencies_digest() {
 native_digest() {
   (
     cd "$ROOT" || exit
-    find CMakeLists.txt codec store renderer server -type f \
+    find CMakeLists.txt codec store renderer measure server -type f \
       \( -name CMakeLists.txt -o -name '*.cmake' -o -name '*.cpp' -o -name '*.h' \) -print0 |
       LC_ALL=C sort -z | xargs -0 sha256sum
   ) | sha256sum

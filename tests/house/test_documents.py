@@ -17,7 +17,7 @@ DOCUMENTS = sorted(
 LINK = re.compile(r"\]\((?!https?:|mailto:|#)([^)#\s]+)")
 # In code: a path that begins with a folder of the tree, without placeholders.
 PATH = re.compile(
-    r"(?<![\w./-])((?:codec|store|renderer|server|script|tests|docs|bench|data|deploy)/[\w./-]*\w)"
+    r"(?<![\w./-])((?:codec|store|renderer|measure|server|script|tests|docs|bench|data|deploy)/[\w./-]*\w)"
 )
 CODE = re.compile(r"```.*?```|`[^`\n]+`", re.DOTALL)
 

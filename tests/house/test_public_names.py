@@ -28,4 +28,4 @@ def test_public_names_are_those_of_the_snapshot() -> None:
 
 def test_snapshot_covers_every_component() -> None:
     components = {line.split(".")[1].split("(")[0] for line in SNAPSHOT.read_text().splitlines()}
-    assert components == {"codec", "store", "renderer", "server"}
+    assert components == {"codec", "store", "renderer", "measure", "server"}

@@ -22,7 +22,7 @@ COMMANDS = sorted(path for path in (ROOT / "script").iterdir() if path.is_file()
 def test_layers_are_the_components_that_are_there() -> None:
     found = {path.parent.name for path in ROOT.glob("*/octobrick")}
     assert set(LAYERS) == found
-    assert LAYERS == ["server", "renderer", "store", "codec"]
+    assert LAYERS == ["server", "measure", "renderer", "store", "codec"]
 
 
 def test_every_tool_knows_every_component() -> None:
@@ -41,7 +41,7 @@ def test_component_is_a_typed_part_of_the_namespace(name: str) -> None:
     part = ROOT / name / "octobrick"
     assert (part / name / "py.typed").is_file()
     assert (part / name / "__init__.py").is_file()
-    assert not (part / "__init__.py").exists(), "octobrick is a PEP 420 namespace of four folders"
+    assert not (part / "__init__.py").exists(), "octobrick is a PEP 420 namespace of five folders"
     assert (ROOT / "tests" / name).is_dir()
 
 
