@@ -11,12 +11,16 @@ from octobrick.measure.measurement import (
     Recommendation,
     Setting,
 )
+from octobrick.measure.progress import MeasureProgress
+from octobrick.measure.run import measure
 
 __all__ = [
     "CodeRow",
     "LevelRow",
+    "MeasureProgress",
     "Measurement",
     "PictureRow",
     "Recommendation",
     "Setting",
+    "measure",
 ]

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, fields
 from typing import Any
+
+import numpy as np
 
 from octobrick.codec.metrics import Histogram
 from octobrick.store.brick_codec import BrickCodec, codec_to_json
+
+VERSION = 1
+"""Of what `Measurement.to_dict` gives; a field that is added does not change it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +41,8 @@ class CodeRow:
         resident_bits: of a code in memory, per voxel; 8 × bytes / voxels, without padding voxels.
         disk_bits: the same behind zstd, as it is stored.
         psnr_db: over the range of the whole volume; None where nothing was lost.
-        ssim: mean structural similarity; 1 where nothing was lost.
+        ssim: mean structural similarity of the middle of bricks; 1 where nothing was lost, NaN
+            where no brick holds a window of 11³ voxels.
         max_error: greatest difference of a decoded from an original voxel, in values.
         rmse: in values.
         errors: histogram of absolute differences, in values.
@@ -150,8 +157,22 @@ class Measurement:
     images: dict[str, bytes] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready: no NaN or infinity, None for a PSNR where nothing was lost."""
-        raise NotImplementedError
+        """JSON-ready: None for a PSNR where nothing was lost, and for what cannot be told."""
+        return {
+            "version": VERSION,
+            "source": _plain(self.source),
+            "options": _plain(self.options),
+            "sample": _plain(self.sample),
+            "machine": _plain(self.machine),
+            "codes": [_row(row) for row in self.codes],
+            "levels": [_row(row) for row in self.levels],
+            "pictures": [_row(row) for row in self.pictures],
+            "front": list(self.front),
+            "recommendations": [_row(one) for one in self.recommendations],
+            "skipped": list(self.skipped),
+            "elapsed_seconds": _plain(self.elapsed_seconds),
+            "images": sorted(self.images),
+        }
 
 
 def setting_to_dict(setting: Setting) -> dict[str, Any]:
@@ -162,3 +183,27 @@ def setting_to_dict(setting: Setting) -> dict[str, Any]:
         "codec": codec_to_json(setting.codec),
         "flags": list(setting.flags),
     }
+
+
+def _row(row: CodeRow | LevelRow | PictureRow | Recommendation) -> dict[str, Any]:
+    """A row by its fields; how it was stored under "setting"."""
+    return {field.name: _plain(getattr(row, field.name)) for field in fields(row)}
+
+
+def _plain(value: Any) -> Any:
+    """As JSON takes it: None for a number that is none."""
+    match value:
+        case Setting():
+            return setting_to_dict(value)
+        case Histogram():
+            return {"low": value.low, "width": value.width, "counts": value.counts.tolist()}
+        case dict():
+            return {str(key): _plain(one) for key, one in value.items()}
+        case list() | tuple():
+            return [_plain(one) for one in value]
+        case float():
+            return float(value) if math.isfinite(value) else None
+        case np.generic():
+            return _plain(value.item())
+        case _:
+            return value

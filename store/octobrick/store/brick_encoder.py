@@ -58,8 +58,7 @@ class BrickEncoder:
             high: the greatest.
         """
         count = voxels.size
-        # Bitwise: -0.0 is not the fill value.
-        if low <= 0 <= high and not voxels.view(f"u{voxels.itemsize}").any():
+        if low <= 0 <= high and is_fill(voxels):
             return EncodedBrick(None, low, high, metrics.ErrorStats(count, 0.0, 0.0))
         padded = pad_to(voxels, (self.brick,) * 3)
         code = brick_codec.encode(self.codec, padded)
@@ -90,6 +89,12 @@ class DirectionEncoder:
             return EncodedBrick(None)
         padded = pad_to(codes, (self.brick,) * 3)
         return EncodedBrick(zstd_frame.compress(padded.tobytes(), self.zstd_level))
+
+
+def is_fill(voxels: Voxels) -> bool:
+    """Whether every voxel is the fill value, so that the brick is absent."""
+    # Bitwise: -0.0 is not the fill value.
+    return not voxels.view(f"u{voxels.itemsize}").any()
 
 
 def pad_to(voxels: Voxels, shape_zyx: Zyx) -> Voxels:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import zarr
@@ -97,7 +98,7 @@ class IngestFinish:
             reducer=options.reducer_of(source),
             levels=tuple(_level(record, i, *level) for i, level in enumerate(levels)),
             value_range=value_range,
-            window=_window(record.histograms, value_range),
+            window=shown_window(record.histograms, value_range),
             histograms=tuple(record.histograms),
             source=source.describe(),
         )
@@ -168,8 +169,8 @@ def _value_range(level: LevelRecord) -> tuple[attrs.Number, attrs.Number]:
     return attrs.python_number(low), attrs.python_number(high)
 
 
-def _window(
-    histograms: list[metrics.Histogram], value_range: tuple[attrs.Number, attrs.Number]
+def shown_window(
+    histograms: Sequence[metrics.Histogram], value_range: tuple[attrs.Number, attrs.Number]
 ) -> tuple[attrs.Number, attrs.Number]:
     """Values worth showing: from the lowest up to what all but one in a thousand stay below."""
     low, high = value_range

@@ -93,7 +93,7 @@ class IngestOptions:
         By default little where it has a code to work on, of which more effort makes a fiftieth at
         best, and thrice as much time: docs/performance.md.
         """
-        return self.zstd_level or (_ZSTD_OF_VOXELS if codec is None else _ZSTD_OF_CODES)
+        return self.zstd_level or default_zstd_level(codec)
 
     @property
     def zstd_level_of_gradients(self) -> int:
@@ -162,6 +162,11 @@ class IngestOptions:
             "region": region,
             "replace_nonfinite": self.replace_nonfinite,
         }
+
+
+def default_zstd_level(codec: BrickCodec) -> int:
+    """The effort of zstd behind a codec where nobody asks for another."""
+    return _ZSTD_OF_VOXELS if codec is None else _ZSTD_OF_CODES
 
 
 def _require_exact(codec: BrickCodec, source: Source) -> None:

@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import overload
 
 from octobrick.codec.errors import InvalidInputError, UnsupportedError
+from octobrick.store.destination import partial_path
+from octobrick.store.http_address import is_volume_address
+from octobrick.store.layout import MANIFEST_NAME
 from octobrick.store.local_volume import LocalVolume
 from octobrick.store.sources.location import is_url
 from octobrick.store.volume import Volume
@@ -42,6 +45,16 @@ def open_volume(path: str | os.PathLike[str], *, token: str | None = None) -> Vo
     if token is not None:
         raise InvalidInputError("token: is for a server; a folder needs none")
     return LocalVolume(Path(path))
+
+
+def is_volume(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is, or is named as, one of our volumes; another's Zarr is a source."""
+    if isinstance(path, str) and is_url(path):
+        return is_volume_address(path)
+    folder = Path(path)
+    if folder.is_dir():
+        return (folder / MANIFEST_NAME).exists()
+    return folder.suffix == ".zarr" or partial_path(folder).is_dir()
 
 
 def open_local(path: str | os.PathLike[str]) -> LocalVolume:

@@ -12,9 +12,9 @@ from octobrick.codec.errors import InvalidInputError
 from octobrick.store.brick_codec import BrickCodec, codec_text
 
 _BLOCK = (4, 4, 4)  # with a width per block, small ones cost little and gain much
-_LEAST_SHARE = 1e-5  # of zerobit's details: two of a brick of 64³
+LEAST_SHARE = 1e-5  # of zerobit's details: two of a brick of 64³
 # Of S3Dc's slope, in squares of the peak: nothing is worth a bit, and every bit is.
-_STEEPEST, _FLATTEST = 2.0**10, 2.0**-54
+STEEPEST, FLATTEST = 2.0**10, 2.0**-54
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +102,9 @@ class Dial:
     def at(self, position: float, peak: float) -> BrickCodec:
         """The codec at a position from 0 to 1, for a level with this peak, above 0."""
         if isinstance(self.template, Zerobit):
-            share = _LEAST_SHARE ** (1 - position) if position > 0 else 0.0
+            share = LEAST_SHARE ** (1 - position) if position > 0 else 0.0
             return dataclasses.replace(self.template, ratio=_rounded(share))
-        slope = peak * peak * _STEEPEST * (_FLATTEST / _STEEPEST) ** position
+        slope = peak * peak * STEEPEST * (FLATTEST / STEEPEST) ** position
         return S3dc(self.template.block, slope=_rounded(slope))
 
     @property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -28,10 +27,9 @@ if TYPE_CHECKING:
 def info(path: str, as_json: bool, **options: Any) -> None:
     """Tell what is in PATH: a volume, or a file, folder, pattern or address of either."""
     from octobrick.store import open_volume
-    from octobrick.store.http_address import is_volume_address
-    from octobrick.store.sources.location import is_url
+    from octobrick.store.opening import is_volume
 
-    if is_volume_address(path) if is_url(path) else _is_volume(Path(path)):
+    if is_volume(path):
         with open_volume(path) as volume:
             if as_json:
                 click.echo(json.dumps(volume.metadata()))
@@ -44,16 +42,6 @@ def info(path: str, as_json: bool, **options: Any) -> None:
         click.echo(json.dumps(description))
     else:
         _print_fields(description)
-
-
-def _is_volume(path: Path) -> bool:
-    """Whether a path is, or is named as, one of our volumes; another's Zarr is a source."""
-    from octobrick.store.destination import partial_path
-    from octobrick.store.layout import MANIFEST_NAME
-
-    if path.is_dir():
-        return (path / MANIFEST_NAME).exists()
-    return path.suffix == ".zarr" or partial_path(path).is_dir()
 
 
 def _print_volume(volume: Volume) -> None:
