@@ -99,6 +99,8 @@ class ProgressMeter:
                 done=done,
                 elapsed_seconds=elapsed,
                 eta_seconds=elapsed * (1 - done) / done if done > 0.02 else None,
-                coded_voxels_per_second=self._coded_nvoxels / since if since > _RATE_SECONDS else 0.0,
+                coded_voxels_per_second=self._coded_nvoxels / since
+                if since > _RATE_SECONDS
+                else 0.0,
             )
         )

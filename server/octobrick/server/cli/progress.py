@@ -11,6 +11,7 @@ import click
 from octobrick.server.cli.text import format_nbytes, format_seconds
 
 if TYPE_CHECKING:
+    from octobrick.measure import MeasureProgress
     from octobrick.store import Progress
 
 _LINE_SECONDS = 10.0  # between plain lines: few enough for a log that is kept
@@ -96,6 +97,26 @@ class ProgressReport(_Report):
                 f"{format_nbytes(progress.rss_nbytes)} in memory",
             )
         )
+
+
+class MeasureReport(_Report):
+    """Shows how far a measurement is.
+
+    Args:
+        quiet: show nothing.
+    """
+
+    def __init__(self, *, quiet: bool) -> None:
+        super().__init__("measure", quiet=quiet)
+
+    def __call__(self, progress: MeasureProgress) -> None:
+        """Take note of a moment of the measurement."""
+        eta = progress.eta_seconds
+        left = f"{'…' if eta is None else format_seconds(eta)} left"
+        rate = progress.coded_voxels_per_second
+        rates = f"{rate / 1e6:.1f} Mvoxel/s, {left}" if rate else left
+        share = round(1000 * progress.done)
+        self._show(progress.phase, share, 1000, progress.elapsed_seconds, rates)
 
 
 class FrameReport(_Report):
