@@ -39,7 +39,7 @@ class Shelf:
         self._folder = folder
         self._spacing_zyx = spacing_xyz[::-1]
         self._source = folder / "part.npy"
-        self._volumes: dict[str, Volume] = {}
+        self._volumes: dict[tuple[str, bool], Volume] = {}
         self._stack = ExitStack()
         self.nlevels = min(LEVELS, max(part.shape).bit_length())
         np.save(self._source, part, allow_pickle=False)
@@ -56,32 +56,32 @@ class Shelf:
         self._stack.close()
 
     def lossless(self) -> Volume:
-        """The volume that holds the part as it is, with gradients."""
-        return self._stored("lossless", None)
+        """The volume that holds the part as it is."""
+        return self._stored("lossless", None, pyramid=True)
 
-    def volume(self, setting: Setting) -> Volume:
-        """The volume of a setting.
+    def volume(self, setting: Setting, level: int) -> Volume:
+        """A volume of a setting that has a level, and stored gradients where that is a coarse one.
 
         Raises:
             OctobrickError: of the ingest: voxels that are not finite, a codec not of their type.
         """
-        return self.lossless() if setting.codec is None else self._stored(*_named(setting))
+        if setting.codec is None:
+            return self.lossless()
+        return self._stored(setting.label, setting.codec, pyramid=level > 0)
 
-    def _stored(self, name: str, codec: BrickCodec) -> Volume:
-        if name not in self._volumes:
+    def _stored(self, label: str, codec: BrickCodec, *, pyramid: bool) -> Volume:
+        """Without the pyramid, ingest takes half of the time: it is made where it is drawn."""
+        key = (label, pyramid)
+        if key not in self._volumes:
             dest = self._folder / f"{len(self._volumes)}.zarr"
             ingest(
                 self._source,
                 dest,
                 codec=codec,
-                levels=self.nlevels,
-                gradients=self.nlevels > 1,
+                levels=self.nlevels if pyramid else 1,
+                gradients=pyramid and self.nlevels > 1,
                 labels=False,  # names have no neighbours, but a picture of them has
                 spacing=self._spacing_zyx,
             )
-            self._volumes[name] = self._stack.enter_context(open_volume(dest))
-        return self._volumes[name]
-
-
-def _named(setting: Setting) -> tuple[str, BrickCodec]:
-    return setting.label, setting.codec
+            self._volumes[key] = self._stack.enter_context(open_volume(dest))
+        return self._volumes[key]

@@ -36,6 +36,8 @@ class PictureOptions:
         size: (width, height) in pixels, at least 16 each.
         preset: of the transfer function; None takes the first that shows something.
         repeats: timed frames of each view, at least 1.
+        row_seconds: of timed frames of a row, after which none is repeated: where a frame takes
+            long, one of each view tells enough.
         step_voxels: distance of samples, in voxels of the level that is drawn.
 
     Raises:
@@ -46,6 +48,7 @@ class PictureOptions:
     size: tuple[int, int] = (384, 384)
     preset: str | None = None
     repeats: int = 3
+    row_seconds: float = 2.0
     step_voxels: float = 0.5
 
     def __post_init__(self) -> None:
@@ -87,8 +90,8 @@ def sweep_pictures(
 ) -> PictureResult:
     """Pictures of a part by each setting and path, beside those of its own voxels by slabs.
 
-    The most important come first: the slab path of all settings, then deblocking, coarser levels
-    of the first setting, direct rendering, and coarser levels of the others.
+    The most important come first: the slab path of all settings; all paths of level 0 of the one
+    that has most of them; coarser levels of the first setting; and the same of all others.
 
     Args:
         part: (z, y, x) original voxels, finite.
@@ -193,7 +196,7 @@ class _Sweep:
         return PictureResult(tuple(self._rows), self._images, (*self._skipped, *late))
 
     def _row(self, job: _Job, images: dict[str, bytes]) -> PictureRow:
-        volume = self._shelf.volume(job.setting)
+        volume = self._shelf.volume(job.setting, job.path.level)
         alike, differences = [], []
         for view, wanted in enumerate(self._wanted):
             self._require_time()
@@ -223,9 +226,10 @@ class _Sweep:
 
     def _frame_seconds(self, job: _Job) -> list[float]:
         """Of all views in turn, so that no frame finds the slab as it left it."""
-        volume, seconds = self._shelf.volume(job.setting), []
-        for round_ in range(self._options.repeats):
-            if round_ and self._deadline():
+        volume = self._shelf.volume(job.setting, job.path.level)
+        seconds: list[float] = []
+        for _ in range(self._options.repeats):
+            if seconds and (sum(seconds) > self._options.row_seconds or self._deadline()):
                 break  # fewer frames are timed, but the row is whole
             for view in range(len(self._wanted)):
                 image = self._scene.draw(self._renderer, volume, job.path, view)
@@ -253,19 +257,22 @@ def _require_labels(settings: Sequence[Setting]) -> None:
 
 
 def _jobs(settings: Sequence[Setting], nlevels: int) -> Iterator[_Job]:
-    """The rows, the most important first."""
-    numbered, coarser = tuple(enumerate(settings)), tuple(coarser_paths(nlevels))
+    """The rows, the most important first, each once."""
+    finest, coarser = (DEBLOCKED, *DIRECT), tuple(coarser_paths(nlevels))
+    shown = [setting for setting in settings if setting is _shown(settings)]
+    others = [setting for setting in settings if setting is not _shown(settings)]
     for paths, some in (
-        ((SLAB,), numbered),
-        ((DEBLOCKED,), numbered),
-        (coarser, numbered[:1]),
-        (DIRECT, numbered),
-        (coarser, numbered[1:]),
+        ((SLAB,), settings),
+        (finest, shown),
+        (coarser, settings[:1]),
+        ((DEBLOCKED,), others),
+        (DIRECT, others),
+        (coarser, settings[1:]),
     ):
-        for number, setting in some:
+        for setting in some:
             for path in paths:
                 if path.applies_to(setting.codec):
-                    yield _Job(number, setting, path)
+                    yield _Job(settings.index(setting), setting, path)
 
 
 def _shown(settings: Sequence[Setting]) -> Setting | None:
