@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import statistics
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +19,12 @@ from octobrick.measure.pictures.paths import DEBLOCKED, DIRECT, SLAB, RenderPath
 from octobrick.measure.pictures.scene import Scene
 from octobrick.measure.pictures.shelf import Shelf
 from octobrick.measure.pictures.views import DEFAULT_VIEWS, ViewChoice
-from octobrick.renderer import PictureTooLargeError, Renderer
+from octobrick.renderer import PictureTooLargeError, RenderedImage, Renderer
+from octobrick.store import Volume
 
 MEMORY_BUDGET = "1GiB"
 """Of the renderer: bricks of some volumes of 256³ at once, so that timed frames read none."""
+_WARMING_SIZE = (32, 32)
 _SIDE_MIN = 16  # pixels: SSIM has windows of 11
 
 
@@ -90,8 +91,8 @@ def sweep_pictures(
 ) -> PictureResult:
     """Pictures of a part by each setting and path, beside those of its own voxels by slabs.
 
-    The most important come first: the slab path of all settings; all paths of level 0 of the one
-    that has most of them; coarser levels of the first setting; and the same of all others.
+    The most important come first: the slab path of all settings, coarser levels of the first one,
+    deblocking, direct rendering, which is slow, and coarser levels of the others.
 
     Args:
         part: (z, y, x) original voxels, finite.
@@ -197,10 +198,9 @@ class _Sweep:
 
     def _row(self, job: _Job, images: dict[str, bytes]) -> PictureRow:
         volume = self._shelf.volume(job.setting, job.path.level)
+        frames = self._frames(volume, job.path)
         alike, differences = [], []
-        for view, wanted in enumerate(self._wanted):
-            self._require_time()
-            image = self._scene.draw(self._renderer, volume, job.path, view)
+        for view, (wanted, image) in enumerate(zip(self._wanted, frames, strict=False)):
             found = image.rgba[..., :3]
             alike.append(Likeness.of(wanted, found))
             if self._is_shown(job):
@@ -209,14 +209,14 @@ class _Sweep:
                 differences.append(key)
             if job.path is SLAB and job.setting.codec is not None and view == 0:
                 images[job.key(view)] = image.png()
-        seconds = self._frame_seconds(job)
-        low, _, high = _quartiles(seconds)
+        seconds = _warm_seconds(frames, job.path)
+        low, middle, high = (float(q) for q in np.quantile(seconds, (0.25, 0.5, 0.75)))
         whole = sum(alike, Likeness())
         return PictureRow(
             setting=job.setting,
             path=job.path.name,
             render_flags=(*self._scene.flags, *job.path.flags),
-            frame_seconds=statistics.median(seconds),
+            frame_seconds=middle,
             frame_seconds_quartiles=(low, high),
             psnr_db=whole.psnr_db,
             ssim=whole.ssim,
@@ -224,17 +224,25 @@ class _Sweep:
             differences=tuple(differences),
         )
 
-    def _frame_seconds(self, job: _Job) -> list[float]:
-        """Of all views in turn, so that no frame finds the slab as it left it."""
-        volume = self._shelf.volume(job.setting, job.path.level)
-        seconds: list[float] = []
+    def _frames(self, volume: Volume, path: RenderPath) -> list[RenderedImage]:
+        """Rounds of all views in turn, so that no frame finds a slab as it left it.
+
+        Before them small ones, for which bricks are read and shaders compiled.
+        """
+        views = range(len(self._wanted))
+        for view in views:
+            self._require_time()
+            self._scene.draw(self._renderer, volume, path, view, size=_WARMING_SIZE)
+        frames: list[RenderedImage] = []
         for _ in range(self._options.repeats):
-            if seconds and (sum(seconds) > self._options.row_seconds or self._deadline()):
+            spent = sum(image.stats.milliseconds["total"] for image in frames) / 1000
+            if frames and (spent > self._options.row_seconds or self._deadline()):
                 break  # fewer frames are timed, but the row is whole
-            for view in range(len(self._wanted)):
-                image = self._scene.draw(self._renderer, volume, job.path, view)
-                seconds.append(image.stats.milliseconds["total"] / 1000)
-        return seconds
+            for view in views:
+                if len(frames) < len(views):
+                    self._require_time()
+                frames.append(self._scene.draw(self._renderer, volume, path, view))
+        return frames
 
     def _require_time(self) -> None:
         if self._deadline():
@@ -258,14 +266,15 @@ def _require_labels(settings: Sequence[Setting]) -> None:
 
 def _jobs(settings: Sequence[Setting], nlevels: int) -> Iterator[_Job]:
     """The rows, the most important first, each once."""
-    finest, coarser = (DEBLOCKED, *DIRECT), tuple(coarser_paths(nlevels))
+    coarser = tuple(coarser_paths(nlevels))
     shown = [setting for setting in settings if setting is _shown(settings)]
     others = [setting for setting in settings if setting is not _shown(settings)]
     for paths, some in (
         ((SLAB,), settings),
-        (finest, shown),
+        ((DEBLOCKED,), shown),
         (coarser, settings[:1]),
         ((DEBLOCKED,), others),
+        (DIRECT, shown),
         (DIRECT, others),
         (coarser, settings[1:]),
     ):
@@ -292,9 +301,16 @@ def _named(jobs: Sequence[_Job], why: str) -> tuple[str, ...]:
     )
 
 
-def _quartiles(seconds: list[float]) -> tuple[float, float, float]:
-    low, middle, high = (float(q) for q in np.quantile(seconds, (0.25, 0.5, 0.75)))
-    return low, middle, high
+def _warm_seconds(frames: Sequence[RenderedImage], path: RenderPath) -> list[float]:
+    """Of frames that had all bricks in memory; of all frames where memory has no room for them.
+
+    Direct rendering puts a view's bricks together anew for each view; that is taken off.
+    """
+    if "direct" in path.arguments:
+        passes = [image.stats.milliseconds for image in frames]
+        return [(times["total"] - times.get("load", 0.0)) / 1000 for times in passes]
+    warm = [image.stats for image in frames if not image.stats.uploaded_nbytes]
+    return [stats.milliseconds["total"] / 1000 for stats in warm or [i.stats for i in frames]]
 
 
 def _slug(text: str) -> str:
