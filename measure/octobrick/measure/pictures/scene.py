@@ -87,9 +87,10 @@ class Scene:
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """Of `octobrick render`, for what all pictures have in common but cameras and size."""
+        """Of `octobrick render`, for what all pictures have in common but cameras."""
         step = () if self.step_voxels == _CLI_STEP_VOXELS else ("--step", f"{self.step_voxels:g}")
-        return ("--preset", self.preset, *step)
+        width, height = self.size
+        return ("--preset", self.preset, "--size", f"{width}x{height}", *step)
 
     def draw(
         self, renderer: Renderer, volume: Volume, path: RenderPath, view: int, **other: Any

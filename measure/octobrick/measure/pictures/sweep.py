@@ -72,11 +72,13 @@ class PictureResult:
             of a setting, for the slab path and the first view; "0-SETTING-PATH-view-0-difference"
             what differs, for the slab path of each setting and for each path of one.
         skipped: what time or memory left out, for people.
+        gl_renderer: the driver's name of the device that drew.
     """
 
     rows: tuple[PictureRow, ...]
     images: dict[str, bytes]
     skipped: tuple[str, ...]
+    gl_renderer: str = ""
 
 
 def sweep_pictures(
@@ -113,7 +115,7 @@ def sweep_pictures(
     with Shelf(part, spacing_xyz, folder) as shelf, Renderer(MEMORY_BUDGET) as renderer:
         jobs = tuple(_jobs(settings, shelf.nlevels))
         if deadline():
-            return PictureResult((), {}, _named(jobs, "no time was left"))
+            return PictureResult((), {}, _named(jobs, "no time was left"), renderer.gl_renderer)
         report("pictures: reference", 0.0)
         sweep = _Sweep(renderer, shelf, window, options, deadline, shown=_shown(settings))
         for done, job in enumerate(jobs):
@@ -194,7 +196,9 @@ class _Sweep:
 
     def result(self) -> PictureResult:
         late = _named(self._late, "time was over")
-        return PictureResult(tuple(self._rows), self._images, (*self._skipped, *late))
+        skipped = (*self._skipped, *late)
+        gl_renderer = self._renderer.gl_renderer
+        return PictureResult(tuple(self._rows), self._images, skipped, gl_renderer)
 
     def _row(self, job: _Job, images: dict[str, bytes]) -> PictureRow:
         volume = self._shelf.volume(job.setting, job.path.level)

@@ -38,6 +38,14 @@ def recommended_labels(measurement: Measurement) -> tuple[str, ...]:
     return tuple(dict.fromkeys(labels))
 
 
+def by_family(measurement: Measurement) -> list[CodeRow]:
+    """All settings, families together, fewer bits on disk first."""
+    families = list(dict.fromkeys(row.setting.family for row in measurement.codes))
+    return sorted(
+        measurement.codes, key=lambda row: (families.index(row.setting.family), row.disk_bits)
+    )
+
+
 def rate_distortion(measurement: Measurement, bits: Bits) -> str | None:
     """PSNR by bits of a voxel, a curve for each family; None where every setting is lossless."""
     rows = [row for row in measurement.codes if row.psnr_db is not None]

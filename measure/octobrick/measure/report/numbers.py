@@ -23,9 +23,9 @@ def decibels(value: float | None) -> str:
 
 
 def digits(value: float, count: int = 3) -> str:
-    """So many significant digits, without an exponent where that is readable."""
+    """So many significant digits, without an exponent where that is readable; "–" for NaN."""
     if value == 0 or not math.isfinite(value):
-        return f"{value:g}"
+        return "–" if math.isnan(value) else f"{value:g}"
     if 1e-4 <= abs(value) < 10**7:
         return f"{value:.{max(0, count - 1 - math.floor(math.log10(abs(value))))}f}"
     return f"{value:.{count}g}"
@@ -53,8 +53,24 @@ def facts(values: Mapping[str, Any], prefix: str = "", depth: int = 0) -> Iterat
         label = f"{prefix}, {name}" if prefix else name
         if isinstance(value, Mapping) and depth < _DEPTH_MAX:
             yield from facts(value, label, depth + 1)
-        elif value is not None:
+        elif value is not None and not is_table(value):
             yield label, fact_text(value, "×" if str(key).startswith("shape") else ", ")
+
+
+def is_table(value: Any) -> bool:
+    """Whether a value is a list of mappings that all have the same keys."""
+    if not isinstance(value, Sequence) or isinstance(value, (str, bytes)) or not value:
+        return False
+    return all(isinstance(row, Mapping) and row.keys() == value[0].keys() for row in value)
+
+
+def tables(values: Mapping[str, Any]) -> Iterator[tuple[str, list[str], list[list[str]]]]:
+    """Names, heads and rows of those values that are tables."""
+    for key, value in values.items():
+        if is_table(value):
+            heads = [str(name).replace("_", " ") for name in value[0]]
+            rows = [[fact_text(one) for one in row.values()] for row in value]
+            yield str(key).replace("_", " "), heads, rows
 
 
 def fact_text(value: Any, between: str = ", ") -> str:

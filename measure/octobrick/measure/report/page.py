@@ -66,16 +66,20 @@ def _context(measurement: Measurement) -> dict[str, Any]:
             "resident": code_plots.rate_distortion(measurement, "resident_bits"),
             "max_error": code_plots.error_against_bits(measurement),
             "distribution": code_plots.error_distribution(chosen, chosen_styles),
-            "rates": code_plots.coding_rates(measurement.codes),
+            "rates": code_plots.coding_rates(code_plots.by_family(measurement)),
             "quality_time": picture_plots.quality_against_time(measurement),
             "levels": picture_plots.error_against_level(measurement),
         },
         "facts": {
-            "Source": list(numbers.facts(measurement.source)),
-            "Sample": list(numbers.facts(measurement.sample)),
-            "Options": list(numbers.facts(measurement.options)),
-            "Machine": list(numbers.facts(measurement.machine)),
+            name: (list(numbers.facts(values)), list(numbers.tables(values)))
+            for name, values in (
+                ("Source", measurement.source),
+                ("Sample", measurement.sample),
+                ("Options", measurement.options),
+                ("Machine", measurement.machine),
+            )
         },
+        "codes": code_plots.by_family(measurement),
         "ndropped": 0,
     }
 

@@ -36,7 +36,6 @@ _MARKS: Final = {
     "P": '<path d="M6 3h4v3h3v4h-3v3H6v-3H3V6h3z"/>',
     "X": '<path d="M3 5.5 5.5 3 8 5.5 10.500 3 13 5.500 10.500 8 13 10.500 10.500 13 8 10.500'
     ' 5.500 13 3 10.500 5.500 8z"/>',
-    "p": '<path d="M8 2.500 13.500 6.500 11.400 13H4.600L2.500 6.500z"/>',
 }
 
 
@@ -67,7 +66,10 @@ class Style:
 
 
 def styles_of(names: Iterable[str]) -> dict[str, Style]:
-    """A style for each name, in the order in which they first come; colours return after eight."""
+    """A style for each name, in the order in which they first come.
+
+    There are eight colours and seven marks, so that a colour that returns has another mark.
+    """
     marks = tuple(_MARKS)
     return {
         name: Style(_SERIES[i % _NSERIES], marks[i % len(marks)])
