@@ -83,6 +83,11 @@ SCENE_OPTIONS = (
         help="Smooth what the codec's blocks left; at 4, or another strength.",
     ),
     click.option("--no-deblock", is_flag=True, help="Leave it as it is.  [default]"),
+    click.option(
+        "--direct",
+        type=click.Choice(["nearest", "linear", "shared"]),
+        help="Decode what rays touch, from S3Dc at a fixed rate, instead of slabs.",
+    ),
 )
 
 

@@ -35,6 +35,7 @@ Projection = Literal["perspective", "orthographic"]
 Fit = Literal["visible", "volume"]
 ModeName = Literal["dvr", "mip", "minip", "average", "isosurface", "slice"]
 GradientSource = Literal["auto", "stored", "differences"]
+Sampling = Literal["nearest", "linear", "shared"]
 
 AZIMUTH_DEGREES = 30.0
 ELEVATION_DEGREES = 15.0
@@ -80,6 +81,7 @@ class View:
         c: channel, or several.
         rgb: three channels are red, green and blue; those of c, or 0, 1 and 2.
         depth: tell how far away is what is seen.
+        direct: decode what rays touch, in one of the renderer's ways, instead of slabs.
         scale_bar: draw a length on the picture.
         legend: draw the colours of its values on it.
 
@@ -117,6 +119,7 @@ class View:
     c: int | tuple[int, ...] = 0
     rgb: bool = False
     depth: bool = False
+    direct: Sampling | None = None
     scale_bar: bool = False
     legend: bool = False
 
@@ -279,6 +282,7 @@ class View:
             "c": self.channels,
             "rgb": self.rgb,
             "depth": self.depth,
+            "direct": self.direct,
         }
 
     def _mode(self, volume: Volume, camera: Camera) -> ModeName | Isosurface | Slice:
