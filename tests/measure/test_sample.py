@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from octobrick.measure.brick_pass import BrickKey, Place, brick_box
+from octobrick.measure.drawn_part import drawn_box
 from octobrick.measure.options import SourceOptions
 from octobrick.measure.reference import open_reference
 from octobrick.measure.sample import Sample, stratified
@@ -133,3 +134,16 @@ def test_a_scan_that_time_ends_says_what_the_range_is_of(saved: Saved) -> None:
     assert seen.range_of == "estimated from 1 of 4 bricks"
     total = sum(sample.weights[brick.key] * brick.nvoxels for brick in seen.bricks)
     assert total == pytest.approx(voxels.size)
+
+
+def test_of_a_large_volume_a_box_around_what_there_is_to_see_is_drawn(saved: Saved) -> None:
+    voxels = np.zeros((64, 300, 900), np.uint8)
+    rng = np.random.default_rng(0)
+    voxels[:, 64:128, 640:832] = rng.integers(0, 255, (64, 64, 192))
+    with (
+        ThreadPoolExecutor(2) as executor,
+        open_reference(str(saved(voxels)), SourceOptions()) as reference,
+    ):
+        seen = scan(reference, executor, full=False, over=lambda: False, report=lambda _: None)
+    assert drawn_box(seen, voxels.shape) == Box((0, 0, 608), (64, 256, 864))
+    assert drawn_box(seen, (64, 256, 256)) == Box((0, 0, 0), (64, 256, 256))

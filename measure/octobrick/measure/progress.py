@@ -34,6 +34,7 @@ CODES_END = 0.45
 
 # Of the time limit. Pictures end before the limit, because one that is begun is finished.
 SCAN_END, SWEEP_END, SEARCH_END, PICTURES_END = 0.12, 0.3, CODES_END, 0.9
+SWEEP_ALONE_END, SEARCH_ALONE_END = 0.6, 0.85  # where no pictures are drawn
 _RATE_SECONDS = 0.5  # before that a rate is chance
 
 

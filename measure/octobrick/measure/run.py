@@ -149,7 +149,7 @@ class _Run:
 
     def run(self) -> Measurement:
         """All stages, the more important the earlier."""
-        codes_end = shares.CODES_END if self.options.pictures else 0.95
+        codes_end = shares.CODES_END if self.options.pictures else 1.0
         self.meter.stage(0.0, 0.1)
         seen = scan(
             self.reference,
@@ -204,7 +204,7 @@ class _Run:
                     held.extend(group)
                 yield group
 
-        share = shares.SWEEP_END if self.options.pictures else 0.7
+        share = shares.SWEEP_END if self.options.pictures else shares.SWEEP_ALONE_END
         rows, skipped = sweep.rows(
             swept(source.dtype, seen.peak, labels=self.reference.labels),
             groups(),
@@ -218,7 +218,7 @@ class _Run:
 
     def _advice(self, seen: Scan, codes: _Codes) -> dict[Target, Recommendation]:
         """For all targets but frames; what was measured for them joins the rows."""
-        share = shares.SEARCH_END if self.options.pictures else 0.95
+        share = shares.SEARCH_END if self.options.pictures else shares.SEARCH_ALONE_END
         advisor = Advisor(
             self.reference,
             seen.nvoxels,

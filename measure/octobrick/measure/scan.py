@@ -125,7 +125,8 @@ def _scan(
         range_of = f"estimated from {len(found)} of {nbricks} bricks"
     low, high = reference.volume.window if reference.volume else (least, greatest)
     if reference.volume is None:
-        low, high = shown_window([histogram], (least, greatest))
+        number = float if source.dtype.kind == "f" else int
+        low, high = shown_window([histogram], (number(least), number(greatest)))
     return Scan(
         places=places,
         bricks=tuple(found),

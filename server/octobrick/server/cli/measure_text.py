@@ -116,6 +116,8 @@ def _print_pictures(rows: Sequence[PictureRow]) -> None:
 
 
 def _rate(voxels_per_second: float) -> str:
-    return f"{voxels_per_second / 1e6:,.0f}" if voxels_per_second >= 1e7 else (
-        f"{voxels_per_second / 1e6:.1f}" if voxels_per_second else "–"
+    return (
+        f"{voxels_per_second / 1e6:,.0f}"
+        if voxels_per_second >= 1e7
+        else (f"{voxels_per_second / 1e6:.1f}" if voxels_per_second else "–")
     )
