@@ -29,14 +29,14 @@ class Scene:
 
     Attributes:
         preset: name of the transfer function.
-        window: values at its ends.
+        window: values at its ends; None of a part that has one value only, for the renderer's own.
         cameras: one for each view.
         size: (width, height) in pixels.
         step_voxels: distance of samples, in voxels of the level that is drawn.
     """
 
     preset: str
-    window: tuple[float, float]
+    window: tuple[float, float] | None
     cameras: tuple[Camera, ...]
     size: tuple[int, int]
     step_voxels: float
@@ -63,7 +63,8 @@ class Scene:
         """
         if not views:
             raise InvalidInputError("no views; give at least one")
-        shown = volume.window if window is None else window
+        low, high = volume.window if window is None else window
+        shown = (float(low), float(high)) if low < high else None
 
         def scene(name: str) -> Scene:
             bounds = visible_bounds(volume, TransferFunction.preset(name), shown)
