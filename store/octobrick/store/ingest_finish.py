@@ -100,6 +100,7 @@ class IngestFinish:
             window=_window(record.histograms, value_range),
             histograms=tuple(record.histograms),
             source=source.describe(),
+            light_field=source.light_field,
         )
 
     def _report(
