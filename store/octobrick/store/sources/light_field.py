@@ -6,6 +6,7 @@ docs/spec/volume-format.md says in which order; `octobrick.store.camera_grid` ho
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,7 +39,7 @@ def open_light_field(path: Path, step: CameraStep) -> LightFieldSource:
     """The light field of a folder or pattern of pictures, one for each camera of a grid.
 
     Names end in the numbers of row and column, such as ``view_03_12.jpg``; they may begin at any
-    number. Views are decoded one at a time, in the order of slices.
+    number, and be every other one, say. Views are decoded one at a time, in the order of slices.
 
     Args:
         path: the folder or pattern.
@@ -64,9 +65,7 @@ def open_light_field(path: Path, step: CameraStep) -> LightFieldSource:
             path=str(path),
         )
     places = _places(path, pictures)
-    rows, columns = (
-        range(min(numbers), max(numbers) + 1) for numbers in zip(*places, strict=True)
-    )
+    rows, columns = (_evenly(set(numbers)) for numbers in zip(*places, strict=True))
     _require_grid(path, places, rows, columns)
     grid = CameraGrid(len(columns), len(rows), step)
     first_file = places[Place(rows[0], columns[0])]
@@ -139,9 +138,16 @@ def _places(path: Path, pictures: Sequence[Path]) -> dict[Place, Path]:
     return places
 
 
+def _evenly(numbers: set[int]) -> range:
+    """The fewest numbers at one distance from each other that are all of these."""
+    first, last = min(numbers), max(numbers)
+    step = math.gcd(*(number - first for number in numbers)) or 1
+    return range(first, last + 1, step)
+
+
 def _require_grid(path: Path, places: dict[Place, Path], rows: range, columns: range) -> None:
     """All rows have all columns; what a name says costs no time, however great the number."""
-    nmissing = (rows.stop - rows.start) * (columns.stop - columns.start) - len(places)
+    nmissing = len(rows) * len(columns) - len(places)
     if nmissing:
         every = (Place(row, column) for row in rows for column in columns)
         missing = itertools.islice((p for p in every if p not in places), _NAMED)
