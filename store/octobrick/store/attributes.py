@@ -280,7 +280,10 @@ class _Fields:
         try:
             grid = CameraGrid.from_json(value)
         except OctobrickError as error:
-            raise VolumeFormatError(f"{self.where}: {error.message}", field="light_field") from error
+            raise VolumeFormatError(
+                f"{self.where}: octobrick.light_field: {error.message}; ingest the volume again",
+                field="light_field",
+            ) from error
         shapes = [level["shape"] for level in self.get("levels", list)]
         if len(shapes) != 1 or shapes[0][0] != grid.nslices or self.count("timepoints") != 1:
             raise self.wrong(

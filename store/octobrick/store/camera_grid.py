@@ -8,7 +8,7 @@ pixels of four views.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from octobrick.codec.errors import InvalidInputError
@@ -37,7 +37,9 @@ class CameraStep:
     unit: str | None = None
 
     def __post_init__(self) -> None:
-        if len(self.uv) != 2 or not all(math.isfinite(step) and step > 0 for step in self.uv):
+        uv = tuple(_finite(step) for step in self.uv)
+        object.__setattr__(self, "uv", uv)  # one text in JSON, whole number or not
+        if len(uv) != 2 or not all(math.isfinite(step) and step > 0 for step in uv):
             raise InvalidInputError(
                 f"camera step {self.uv}: give two positive numbers, along u and v"
             )
@@ -68,7 +70,7 @@ class CameraGrid:
 
     nu: int
     nv: int
-    step: CameraStep = CameraStep()
+    step: CameraStep = field(default_factory=CameraStep)
 
     def __post_init__(self) -> None:
         if not (1 <= self.nu <= VIEWS_MAX and 1 <= self.nv <= VIEWS_MAX and self.nviews > 1):
@@ -128,10 +130,10 @@ class CameraGrid:
             InvalidInputError: a field that is missing, unknown or makes no sense.
         """
         if not isinstance(value, dict) or set(value) != _FIELDS:
-            raise InvalidInputError(f"light_field {value!r:.120} needs {sorted(_FIELDS)}")
+            raise InvalidInputError(f"{value!r:.120} needs {sorted(_FIELDS)}")
         if value["version"] != VERSION or value["order"] != ORDER:
             raise InvalidInputError(
-                f"light_field version {value['version']!r:.20} with order {value['order']!r:.40} "
+                f"version {value['version']!r:.20} with order {value['order']!r:.40} "
                 f"is not version {VERSION} with {ORDER!r}, which this octobrick reads"
             )
         match value:
@@ -142,9 +144,9 @@ class CameraGrid:
                 and type(v) in (int, float)
                 and (unit is None or type(unit) is str)
             ):
-                return cls(nu, nv, CameraStep((_finite(u), _finite(v)), unit))
+                return cls(nu, nv, CameraStep((u, v), unit))
         raise InvalidInputError(
-            f"light_field {value!r:.200}: nu and nv are whole numbers, camera_step two numbers, "
+            f"{value!r:.200}: nu and nv are whole numbers, camera_step two numbers, "
             "unit a name or null"
         )
 

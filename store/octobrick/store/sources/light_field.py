@@ -147,7 +147,9 @@ def _evenly(numbers: set[int]) -> range:
 
 def _require_grid(path: Path, places: dict[Place, Path], rows: range, columns: range) -> None:
     """All rows have all columns; what a name says costs no time, however great the number."""
-    nmissing = len(rows) * len(columns) - len(places)
+    # Not by len(), which ends at 2^63.
+    nrows, ncolumns = ((r[-1] - r[0]) // r.step + 1 for r in (rows, columns))
+    nmissing = nrows * ncolumns - len(places)
     if nmissing:
         every = (Place(row, column) for row in rows for column in columns)
         missing = itertools.islice((p for p in every if p not in places), _NAMED)
