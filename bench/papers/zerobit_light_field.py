@@ -63,9 +63,7 @@ def bricks(voxels: Rgb) -> Iterator[Rgb]:
     for z in range(0, nz, BRICK):
         for y in range(0, ny, BRICK):
             for x in range(0, nx, BRICK):
-                yield np.ascontiguousarray(
-                    voxels[z : z + BRICK, y : y + BRICK, x : x + BRICK]
-                )
+                yield np.ascontiguousarray(voxels[z : z + BRICK, y : y + BRICK, x : x + BRICK])
 
 
 class Sum:
@@ -215,8 +213,7 @@ def run(data: Path, quick: bool) -> dict[str, Any]:
 def table(figures: dict[str, Any]) -> str:
     """The figures as text."""
     code_rows = [
-        [name, ratio, way]
-        + [f"{row[key]:.2f}" if key in row else "-" for key in _COLUMNS]
+        [name, ratio, way] + [f"{row[key]:.2f}" if key in row else "-" for key in _COLUMNS]
         for name, rows in figures["codes"].items()
         for ratio, ways in rows.items()
         for way, row in ways.items()

@@ -1,9 +1,9 @@
 """The pixels of a picture from views: pure functions of arrays.
 
-An eye sees through pixel (x, y) along one ray. The ray meets the plane of the cameras at (u, v) and,
-in view i of that plane, lies at pixel ``x + focus · (i − u)``: it meets the plane in focus at the
-point that this pixel of view i shows. Along x only u counts, along y only v, so that all is done
-one axis after the other.
+An eye sees through pixel (x, y) along one ray. The ray meets the plane of the cameras at (u, v)
+and, in view i of that plane, lies at pixel ``x + focus · (i − u)``: it meets the plane in focus at
+the point that this pixel of view i shows. Along x only u counts, along y only v, so that all is
+done one axis after the other.
 """
 
 from __future__ import annotations
@@ -97,7 +97,9 @@ def _share(
     return AxisShare(weights[used].astype(np.float32), used, first, second, share)
 
 
-def add_view(total: Floats, weight: Floats, view: Pixels, along_y: AxisShare, along_x: AxisShare) -> None:
+def add_view(
+    total: Floats, weight: Floats, view: Pixels, along_y: AxisShare, along_x: AxisShare
+) -> None:
     """Add the weighted pixels of a view, and their weights.
 
     Args:

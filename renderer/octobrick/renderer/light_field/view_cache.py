@@ -101,7 +101,7 @@ class ViewCache:
                 missing.setdefault(self._layer_of(view), []).append(view)
         room = max(self._nviews_max - len(wanted), 0) // max(len(missing), 1)
         for layer, views in missing.items():
-            self._read(layer, views + self._beside(layer, views, room))
+            self._read(views + self._beside(layer, views, room))
         for view in wanted:
             self._views.move_to_end(view)
         found = {view: self._views[view] for view in wanted}
@@ -133,8 +133,8 @@ class ViewCache:
         free.sort(key=lambda other: (other[0] - u) ** 2 + (other[1] - v) ** 2)
         return free[:room]
 
-    def _read(self, layer: int, views: list[View]) -> None:
-        """Decode the bricks of a layer once, and keep these views of them."""
+    def _read(self, views: list[View]) -> None:
+        """Decode the bricks of a layer once, and keep these of its views."""
         source, (ny, nx) = self._source, self.shape_yx
         slices = [self.grid.slice_of(*view) for view in views]
         box = Box((min(slices), 0, 0), (max(slices) + 1, ny, nx))

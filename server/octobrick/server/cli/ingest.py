@@ -95,8 +95,9 @@ def ingest(
 
     SOURCE is a file, folder or pattern of files in a format that docs/formats.md lists, the
     address of an OME-Zarr (https://, s3://), or raw voxels with --shape and --dtype; with
-    --light-field, the pictures of a grid of cameras. DEST appears when it is complete. An ingest that was stopped, by Ctrl-C, a full disk, a lost server or a
-    crash, goes on where it was when the same command is run again.
+    --light-field, the pictures of a grid of cameras. DEST appears when it is complete. An ingest
+    that was stopped, by Ctrl-C, a full disk, a lost server or a crash, goes on where it was when
+    the same command is run again.
     """
     from octobrick import store
     from octobrick.server.cli.progress import ProgressReport

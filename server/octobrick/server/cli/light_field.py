@@ -107,9 +107,7 @@ def light_field(
         scene = LightField(opened, memory)
         start = Eye(*(eye or ((scene.nu - 1) / 2, (scene.nv - 1) / 2)), focus, spread)
         if moves:
-            end = Eye(
-                *(to or (start.u, start.v)), focus if to_focus is None else to_focus, spread
-            )
+            end = Eye(*(to or (start.u, start.v)), focus if to_focus is None else to_focus, spread)
             said = {"revision": opened.revision, "interpolation": interpolation}
             _movie(scene, (start, end), frames or _FRAMES, output, how, said, stats=stats)
         else:
