@@ -128,7 +128,7 @@ def jpeg_at(views: Rgb, psnr_db: float) -> dict[str, float]:
 
 
 def frame_rates(path: Path, nframes: int) -> dict[str, Any]:
-    """Frames a second of processor time, by volume, interpolation, and whether anything is decoded beforehand."""
+    """Frames a second of processor time, by interpolation, volume, and what is decoded before."""
     rates: dict[str, Any] = {}
     with TemporaryDirectory() as folder:
         for name, codec in (("zerobit", Zerobit(0.05)), ("lossless", None)):

@@ -117,7 +117,8 @@ class LightField:
         premultiplied[..., 3] = opaque
         shown = premultiplied
         if background is not None:
-            shown = np.where(opaque[..., np.newaxis], premultiplied, np.float32([*background, 1]))
+            behind = np.array([*background, 1], np.float32)
+            shown = np.where(opaque[..., np.newaxis], premultiplied, behind)
         rgba = np.floor(shown * 255 + 0.5).astype(np.uint8)
         seconds = time.perf_counter() - started
         fidelity = Fidelity(0, 0, self._cache.max_error(seen), converged=True)
