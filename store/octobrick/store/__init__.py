@@ -4,6 +4,7 @@ The names listed in ``__all__`` are the component's promise; everything else may
 """
 
 from octobrick.store.box import Box, Zyx
+from octobrick.store.camera_grid import CameraGrid, CameraStep
 from octobrick.store.export import ExportResult, export
 from octobrick.store.ingest import ingest
 from octobrick.store.level import Level
@@ -16,6 +17,8 @@ from octobrick.store.volume import Volume
 
 __all__ = [
     "Box",
+    "CameraGrid",
+    "CameraStep",
     "ExportResult",
     "IngestResult",
     "Level",

@@ -19,6 +19,7 @@ from octobrick.codec import metrics
 from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Zyx, ceil_div
 from octobrick.store.brick_codec import BrickCodec, codec_from_json, codec_to_json, require_codec
+from octobrick.store.camera_grid import CameraGrid
 from octobrick.store.errors import VolumeFormatError
 from octobrick.store.reducers import REDUCERS
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
@@ -82,6 +83,7 @@ class VolumeAttributes:
     window: tuple[Number, Number]
     histograms: tuple[metrics.Histogram, ...]
     source: Mapping[str, Json]
+    light_field: CameraGrid | None = None
 
     @property
     def codec(self) -> BrickCodec:
@@ -94,7 +96,7 @@ class VolumeAttributes:
 
     def to_json(self) -> dict[str, Json]:
         """The attributes, without the revision, as JSON-ready values."""
-        return {
+        fields = {
             "version": FORMAT_VERSION,
             "dtype": self.dtype,
             "brick": [self.brick] * 3,
@@ -111,6 +113,9 @@ class VolumeAttributes:
             "histograms": [_histogram_to_json(h) for h in self.histograms],
             "source": dict(self.source),
         }
+        if self.light_field is not None:
+            fields["light_field"] = self.light_field.to_json()
+        return fields
 
     @classmethod
     def from_json(cls, fields: Json, where: str) -> VolumeAttributes:
@@ -149,6 +154,7 @@ class VolumeAttributes:
             window=cast("tuple[Number, Number]", tuple(checked.numbers("window", 2))),
             histograms=checked.histograms(),
             source=checked.get("source", dict),
+            light_field=checked.light_field(),
         )
 
 
@@ -265,6 +271,27 @@ class _Fields:
         raise self.wrong(
             "levels", "shape, stored_nbytes, max_error, rmse, psnr_db and gradient_nbytes of each"
         )
+
+    def light_field(self) -> CameraGrid | None:
+        """The cameras whose views the slices are, if there are so many slices."""
+        value = self._fields.get("light_field")
+        if value is None:
+            return None
+        try:
+            grid = CameraGrid.from_json(value)
+        except OctobrickError as error:
+            raise VolumeFormatError(
+                f"{self.where}: octobrick.light_field: {error.message}; ingest the volume again",
+                field="light_field",
+            ) from error
+        shapes = [level["shape"] for level in self.get("levels", list)]
+        if len(shapes) != 1 or shapes[0][0] != grid.nslices or self.count("timepoints") != 1:
+            raise self.wrong(
+                "light_field",
+                f"the views of one level and one time step, of {shapes[0][0]} slices, not "
+                f"{grid.nslices}",
+            )
+        return grid
 
     def histograms(self) -> tuple[metrics.Histogram, ...]:
         values = self.get("histograms", list)

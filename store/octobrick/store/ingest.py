@@ -11,6 +11,7 @@ from numpy.typing import DTypeLike
 
 from octobrick.store.box import Box, Zyx
 from octobrick.store.brick_codec import BrickCodec
+from octobrick.store.camera_grid import CameraStep
 from octobrick.store.destination import staged
 from octobrick.store.ingest_options import DEFAULT_CODEC, IngestOptions
 from octobrick.store.ingest_plan import IngestPlan
@@ -54,6 +55,7 @@ def ingest(
     big_endian: bool = False,
     dataset: str | None = None,
     axes: str | None = None,
+    cameras: CameraStep | None = None,
 ) -> IngestResult:
     """Read a source once and write a volume of all levels, visible only when complete.
 
@@ -101,6 +103,8 @@ def ingest(
         big_endian: byte order of a raw file.
         dataset: which volume of a file that holds several.
         axes: the letters of the axes, slowest first, where a format does not name them.
+        cameras: given, the pictures of a folder or pattern are the views of a light field, and the
+            volume says so. It has one level, and by default zerobit bricks.
 
     Raises:
         SourceError: the source is damaged, cut short, or of a kind that is not read.
@@ -140,6 +144,7 @@ def ingest(
             big_endian=big_endian,
             dataset=dataset,
             axes=axes,
+            cameras=cameras,
         ) as opened,
         # Before the folder is touched: a slip of the pen must not cost what an earlier run has.
         _prepared(opened, options) as prepared,

@@ -101,6 +101,7 @@ class IngestFinish:
             window=shown_window(record.histograms, value_range),
             histograms=tuple(record.histograms),
             source=source.describe(),
+            light_field=source.light_field,
         )
 
     def _report(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from octobrick.codec import S3dc
+from octobrick.codec import S3dc, Zerobit
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store import attributes as attrs
 from octobrick.store.box import Box
@@ -104,6 +104,22 @@ class IngestOptions:
         """What makes the coarser levels: as asked, else the mode of labels and the mean."""
         return self.reducer or ("mode" if self.has_labels(source) else "mean")
 
+    def levels_of(self, source: Source) -> int | None:
+        """How many levels: one of a light field, since a coarser one would mix its views.
+
+        Raises:
+            InvalidInputError: several were asked for of a light field.
+        """
+        if source.light_field is None:
+            return self.levels
+        if self.levels not in (None, 1):
+            raise InvalidInputError(
+                f"{source.path}: a light field has one level, but {self.levels} are asked for; "
+                "leave the option out",
+                path=str(source.path),
+            )
+        return 1
+
     def codecs_of(self, source: Source, nlevels: int) -> tuple[BrickCodec, ...]:
         """The bricks' code at each level: as asked, else labels are kept exactly.
 
@@ -113,6 +129,8 @@ class IngestOptions:
             UnsupportedError: a codec cannot code the source's sample type.
         """
         given = self._given_codecs
+        if source.light_field is not None and self.codec is DEFAULT_CODEC:
+            given = (Zerobit(),)
         if len(given) > nlevels:
             raise InvalidInputError(
                 f"{len(given)} codecs, but {nlevels} levels; give one for all or one for each"

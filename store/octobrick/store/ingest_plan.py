@@ -47,7 +47,7 @@ class IngestPlan:
         Raises:
             InvalidInputError, UnsupportedError: options that do not fit it, or too little memory.
         """
-        shapes = level_shapes(source.shape_zyx, options.brick, options.levels)
+        shapes = level_shapes(source.shape_zyx, options.brick, options.levels_of(source))
         options.codecs_of(source, len(shapes))
         nworkers = options.workers or len(os.sched_getaffinity(0))
         reader = PieceReader(source, options.replace_nonfinite, options.brick)

@@ -15,6 +15,7 @@ import numpy as np
 from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Box
 from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder
+from octobrick.store.camera_grid import CameraGrid
 from octobrick.store.errors import SourceMismatchError, VolumeFormatError
 from octobrick.store.gradient_pyramid import gradient_array
 from octobrick.store.local_volume import LocalVolume
@@ -57,6 +58,7 @@ def source_of(volume: LocalVolume, source: Source) -> Source:
         ("sample type", prepared.dtype, volume.dtype),
         ("number of time steps", prepared.nt, volume.nt),
         ("number of channels", prepared.nc, volume.nc),
+        ("light field", _views(prepared.light_field), _views(volume.light_field)),
     ):
         if have != want:
             raise SourceMismatchError(
@@ -65,6 +67,10 @@ def source_of(volume: LocalVolume, source: Source) -> Source:
                 path=str(source.path),
             )
     return prepared
+
+
+def _views(grid: CameraGrid | None) -> str:
+    return "none" if grid is None else f"{grid.nu} × {grid.nv} views"
 
 
 class Rebuild:

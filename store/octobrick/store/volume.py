@@ -18,6 +18,7 @@ from octobrick.store.assembled import fill_from_bricks
 from octobrick.store.attributes import Number, VolumeAttributes
 from octobrick.store.box import Box, Zyx, cells_touching, grid_of
 from octobrick.store.brick_codec import BrickCodec, codec_text
+from octobrick.store.camera_grid import CameraGrid
 from octobrick.store.level import Level, Xyz
 from octobrick.store.stored_gradients import StoredGradients
 
@@ -125,6 +126,11 @@ class Volume(ABC):
     def histograms(self) -> tuple[metrics.Histogram, ...]:
         """How often values occur in each channel of the original, over all time steps."""
         return self._attributes.histograms
+
+    @property
+    def light_field(self) -> CameraGrid | None:
+        """The cameras whose views the slices are; None of a volume that is no light field."""
+        return self._attributes.light_field
 
     @property
     def fill_value(self) -> int:

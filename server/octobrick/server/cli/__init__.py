@@ -14,6 +14,7 @@ from octobrick.server.cli.export import export
 from octobrick.server.cli.failure import report_failure
 from octobrick.server.cli.info import info
 from octobrick.server.cli.ingest import ingest
+from octobrick.server.cli.light_field import light_field
 from octobrick.server.cli.measure import measure
 from octobrick.server.cli.movie import movie
 from octobrick.server.cli.render import render
@@ -55,5 +56,18 @@ def main(debug: bool) -> None:
     """Volumes too big for memory: compress, look at and serve them."""
 
 
-for _command in (ingest, info, measure, render, movie, serve, export, synth, verify, token, sign):
+for _command in (
+    ingest,
+    info,
+    measure,
+    render,
+    movie,
+    light_field,
+    serve,
+    export,
+    synth,
+    verify,
+    token,
+    sign,
+):
     main.add_command(_command)

@@ -62,6 +62,7 @@ def _print_volume(volume: Volume) -> None:
             "values": f"{low:g} to {high:g}",
             "window": f"{dark:g} to {bright:g}",
             "gradients": _gradient_levels(volume),
+            **_cameras(volume),
         }
     )
     print_table(
@@ -86,6 +87,17 @@ def _print_volume(volume: Volume) -> None:
 def _gradient_levels(volume: Volume) -> str | None:
     stored = volume.gradients
     return None if stored is None else f"of levels {stored.levels[0]} to {stored.levels[-1]}"
+
+
+def _cameras(volume: Volume) -> dict[str, str]:
+    grid = volume.light_field
+    if grid is None:
+        return {}
+    step = ", ".join(f"{size:g}" for size in grid.step.uv)
+    return {
+        "views (u × v)": f"{grid.nu} × {grid.nv}",
+        "camera step (u, v)": f"{step} {grid.step.unit or ''}".rstrip(),
+    }
 
 
 def _print_fields(fields: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ import click
 
 from octobrick.server.cli.codec_options import codec_options, take_codec
 from octobrick.server.cli.failure import EXIT_INTERRUPTED
-from octobrick.server.cli.source_options import open_given, source_options
+from octobrick.server.cli.source_options import open_given, source_options, take_cameras
 from octobrick.server.cli.stoppable import cancellable
 from octobrick.server.cli.text import (
     format_nbytes,
@@ -94,9 +94,10 @@ def ingest(
     """Compress the volume in SOURCE into the folder DEST (by custom NAME.zarr).
 
     SOURCE is a file, folder or pattern of files in a format that docs/formats.md lists, the
-    address of an OME-Zarr (https://, s3://), or raw voxels with --shape and --dtype. DEST appears
-    when it is complete. An ingest that was stopped, by Ctrl-C, a full disk, a lost server or a
-    crash, goes on where it was when the same command is run again.
+    address of an OME-Zarr (https://, s3://), or raw voxels with --shape and --dtype; with
+    --light-field, the pictures of a grid of cameras. DEST appears when it is complete. An ingest
+    that was stopped, by Ctrl-C, a full disk, a lost server or a crash, goes on where it was when
+    the same command is run again.
     """
     from octobrick import store
     from octobrick.server.cli.progress import ProgressReport
@@ -111,6 +112,7 @@ def ingest(
                     source,
                     dest,
                     **coding,
+                    cameras=take_cameras(options),
                     region=_region(region),
                     progress=progress,
                     cancel=cancel,

@@ -10,9 +10,12 @@ import click
 from octobrick.server.cli.values import numbers
 
 if TYPE_CHECKING:
+    from octobrick.store import CameraStep
     from octobrick.store.sources import Source
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
+
+_CAMERAS = ("light_field", "camera_step", "camera_unit")
 
 _OPTIONS = (
     click.option("--dataset", help="Which volume of a file that holds several."),
@@ -38,6 +41,18 @@ _OPTIONS = (
         help="Bytes before a raw file's voxels.",
     ),
     click.option("--big-endian", is_flag=True, help="Byte order of a raw file."),
+    click.option(
+        "--light-field",
+        is_flag=True,
+        help="Pictures are the views of a grid of cameras, named ..._ROW_COLUMN.",
+    ),
+    click.option(
+        "--camera-step",
+        metavar="U,V",
+        callback=numbers(float, "30.8,30.8"),
+        help="Distance of the cameras of a light field.  [default: 1,1]",
+    ),
+    click.option("--camera-unit", help="Unit of that distance, such as millimeter."),
 )
 
 
@@ -66,4 +81,26 @@ def open_given(source: str, given: dict[str, Any]) -> Source:
         big_endian=given["big_endian"],
         dataset=given["dataset"],
         axes=given["axes"],
+        cameras=_cameras(given),
     )
+
+
+def take_cameras(options: dict[str, Any]) -> CameraStep | None:
+    """The argument ``cameras`` of ingest; takes its options out of all.
+
+    Raises:
+        click.UsageError: cameras are described, and it is not said that this is a light field.
+        InvalidInputError: a step that no grid can have.
+    """
+    return _cameras({name: options.pop(name) for name in _CAMERAS})
+
+
+def _cameras(given: dict[str, Any]) -> CameraStep | None:
+    from octobrick.store import CameraStep
+
+    is_light_field, step, unit = (given[name] for name in _CAMERAS)
+    if is_light_field:
+        return CameraStep(step or (1.0, 1.0), unit)
+    if step is not None or unit is not None:
+        raise click.UsageError("--camera-step and --camera-unit are of a --light-field.")
+    return None

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy.typing as npt
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.store.camera_grid import CameraStep
 from octobrick.store.errors import UnsupportedSourceError
 from octobrick.store.sources.base import Channel, Description, Pick, Rescale, Source
 from octobrick.store.sources.described import (
@@ -28,6 +29,7 @@ from octobrick.store.sources.formats import (
     recognise,
 )
 from octobrick.store.sources.head import read_head, read_head_inflated
+from octobrick.store.sources.light_field import open_light_field
 from octobrick.store.sources.location import Location, Url, location_of
 from octobrick.store.sources.remote import open_remote
 from octobrick.store.sources.several import (
@@ -55,6 +57,7 @@ def open_source(
     big_endian: bool = False,
     dataset: str | None = None,
     axes: str | None = None,
+    cameras: CameraStep | None = None,
 ) -> Source:
     """A volume of any format that is read, open; close it, or use it as a context manager.
 
@@ -70,6 +73,7 @@ def open_source(
         big_endian: whether a raw file has its most significant bytes first.
         dataset: which volume of a file that holds several.
         axes: the letters of the axes, slowest first, where a format does not name them.
+        cameras: given, the pictures of a folder or pattern are the views of a light field.
 
     Raises:
         SourceNotFoundError: the file, or the data file it names, does not exist.
@@ -82,6 +86,8 @@ def open_source(
     location = location_of(path)
     options = RawOptions(shape_zyx, dtype, spacing_zyx, offset_nbytes, big_endian)
     pick = Pick(dataset, axes)
+    if cameras is not None:
+        return _open_light_field(location, options, pick, cameras)
     if isinstance(location, Url):
         return _open_url(location, options, pick)
     if is_zarr(location):
@@ -96,6 +102,17 @@ def _open_url(url: Url, options: RawOptions, pick: Pick) -> Source:
     _refuse_options(url, ZARR.name, options)
     require_spacing(options.spacing_zyx, url)
     return _with_spacing(open_remote(url, pick), options, url)
+
+
+def _open_light_field(
+    location: Location, options: RawOptions, pick: Pick, cameras: CameraStep
+) -> Source:
+    """A folder or pattern of views."""
+    _refuse_options(location, "a light field", options, pick)
+    if isinstance(location, Url):
+        raise UnsupportedSourceError(f"{location}: the views of a light field are read from files")
+    require_spacing(options.spacing_zyx, location)
+    return _with_spacing(open_light_field(location, cameras), options, location)
 
 
 def _open_several(path: Path, options: RawOptions, pick: Pick) -> Source:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box, Zyx
+from octobrick.store.camera_grid import CameraGrid
 from octobrick.store.errors import SourceNotFoundError
 from octobrick.store.sources.location import Location
 
@@ -83,6 +84,7 @@ class Description:
         background: what fills space that a sparse source does not store.
         chunk_zyx: the box of voxels that costs as much to read as one voxel of it (a compressed
             chunk, tile or plane); None where any box is read alone.
+        light_field: the cameras whose views the slices are; None of all other volumes.
     """
 
     format: str
@@ -100,6 +102,7 @@ class Description:
     labels: bool = False
     background: float = 0
     chunk_zyx: Zyx | None = None
+    light_field: CameraGrid | None = None
 
     @property
     def nbytes(self) -> int:
@@ -135,6 +138,7 @@ class Source(ABC):
         self.labels = description.labels
         self.background = description.background
         self.chunk_zyx = description.chunk_zyx
+        self.light_field = description.light_field
         self.warnings = description.warnings
         self._closed = False
 

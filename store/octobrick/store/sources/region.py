@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from octobrick.codec.errors import InvalidInputError
 from octobrick.store.box import Box, Zyx
 from octobrick.store.sources.base import Source
 from octobrick.store.sources.wrapped import WrappedSource
@@ -18,7 +19,7 @@ class RegionSource(WrappedSource):
     An end of −1 stands for the end of the source.
 
     Raises:
-        InvalidInputError: the box is empty or leaves the source.
+        InvalidInputError: the box is empty or leaves the source, or this is a light field.
     """
 
     def __init__(self, source: Source, box: Box) -> None:
@@ -28,6 +29,12 @@ class RegionSource(WrappedSource):
         )
         box = Box(box.start_zyx, (z, y, x))
         box.require_within(source.shape_zyx, f"the region of {source.path}")
+        if source.light_field is not None:
+            raise InvalidInputError(
+                f"{source.path}: a light field is stored whole, so leave the region out; choose "
+                "fewer views by a pattern",
+                path=str(source.path),
+            )
         super().__init__(source)
         self._start_zyx = box.start_zyx
         self.shape_zyx: Zyx = box.shape_zyx

@@ -28,7 +28,7 @@ def open_slices(path: Path, files: Sequence[Path], notes: tuple[str, ...] = ()) 
     """
     first = probe(files[0])
     for file in files:
-        _require_alike(file, probe(file), files[0], first)
+        require_alike(file, probe(file), files[0], first)
     ny, nx = first.shape_yx
     description = Description(
         f"{first.kind} slices",
@@ -68,7 +68,13 @@ class SliceSource(PlaneSource):
         return decode(self._files[tile.z], self._picture)
 
 
-def _require_alike(file: Path, found: Picture, first_file: Path, first: Picture) -> None:
+def require_alike(file: Path, found: Picture, first_file: Path, first: Picture) -> None:
+    """Refuse a picture that is not one, or of another size or type than the first.
+
+    Raises:
+        SourceError: with both.
+        UnsupportedSourceError: a file of several pictures.
+    """
     if found.nplanes != 1:
         raise UnsupportedSourceError(
             f"{file}: holds {found.nplanes} pictures; slices are files of one picture each; "
@@ -78,7 +84,7 @@ def _require_alike(file: Path, found: Picture, first_file: Path, first: Picture)
         )
     if found[1:4] != first[1:4]:
         raise SourceError(
-            f"{file}: is {describe(found)}, but the first slice {first_file.name} is "
+            f"{file}: is {describe(found)}, but {first_file.name} is "
             f"{describe(first)}; all must have the same size and type: convert or leave out the "
             "file",
             path=str(file),
