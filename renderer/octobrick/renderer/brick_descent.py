@@ -235,7 +235,7 @@ class _Spans:
 
     @property
     def top(self) -> int:
-        """K of the cube that holds all."""
+        """The k of the cube that holds all."""
         return len(self.counts) - 1
 
 
