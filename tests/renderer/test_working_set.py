@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError
 from octobrick.renderer import Camera, Clip, TransferFunction, select
 from octobrick.renderer.brick_ranges import BrickRanges
-from octobrick.renderer.selection import select_bricks
+from octobrick.renderer.selection import select_bricks, select_within
 from octobrick.renderer.view import make_view
 
 from .array_source import ArraySource
@@ -84,27 +86,24 @@ def test_nothing_to_see_needs_nothing() -> None:
 
 @given(
     st.tuples(*[st.integers(1, 40)] * 3), st.integers(0, 2**32), st.floats(0, 360),
-    st.floats(-80, 80), st.sampled_from([0.3, 1.0, 4.0]),
+    st.floats(-80, 80), st.sampled_from([0.3, 1.0, 4.0]), st.sampled_from([0.0, 0.05, 1.0]),
 )  # fmt: skip
 @settings(max_examples=60, deadline=None)
 def test_descending_a_tree_of_cubes_finds_what_testing_each_brick_does(
-    grid: tuple[int, int, int], seed: int, azimuth: float, elevation: float, zoom: float
-) -> None:
+    grid: tuple[int, int, int], seed: int, azimuth: float, elevation: float, zoom: float,
+    spread: float,
+) -> None:  # fmt: skip
     volume = ArraySource(np.zeros(grid, np.uint8), brick=1, nlevels=1)
     random = np.random.default_rng(seed)
-    low = random.random(grid)
+    low = 0.63 * (1 - spread) + spread * random.random(grid)  # all alike, or each its own
     high = low + random.random(grid) * 0.1
     camera = Camera.orbit(volume, azimuth, elevation, fov_degrees=50.0).zoomed(zoom)
     view = make_view(camera, (40, 30), volume.levels[0])
     planes = Clip(half_spaces=((0.5, 0.3, -0.1, -1.0),)).planes_world()
-    found = select_bricks(
-        volume.levels[0],
-        (1, 1, 1),
-        view,
-        [(BrickRanges.of_bricks(low, high), lambda a, b: (a <= 0.7) & (b >= 0.6))],
-        clip_planes_world=planes,
-        margin_zyx=(0, 0, 0),
-    )
+    level, unit = volume.levels[0], (1, 1, 1)
+    ranges = [(BrickRanges.of_bricks(low, high), lambda a, b: (a <= 0.7) & (b >= 0.6))]
+    scene: dict[str, Any] = {"clip_planes_world": planes, "margin_zyx": (0, 0, 0)}
+    found = select_bricks(level, unit, view, ranges, **scene)
     index = np.argwhere(np.ones(grid, bool))[:, ::-1]
     corner = index - 0.5
     far = np.minimum(corner + 2, np.array(grid[::-1]) - 0.5)
@@ -118,3 +117,8 @@ def test_descending_a_tree_of_cubes_finds_what_testing_each_brick_does(
     assert not (found.sampled & surely_not).any()
     reasons = ("frustum", "clipped", "transparent", "sampled")
     assert sum(found.counts[reason] for reason in reasons) == found.counts["total"]
+    count = found.counts["sampled"]
+    again = select_within(count, level, unit, view, ranges, **scene)
+    assert again is not None
+    assert (again.sampled == found.sampled).all()
+    assert count == 0 or select_within(count - 1, level, unit, view, ranges, **scene) is None

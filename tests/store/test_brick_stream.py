@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -75,6 +76,22 @@ def test_a_stream_in_pieces_of_any_size_gives_its_records(records: Records, piec
     found = read(packed(records), len(records), piece=piece)
     assert [(r.status, r.payload) for r in found] == records
     assert [r.index for r in found] == list(range(len(records)))
+
+
+@pytest.mark.parametrize("piece", [1000, 4095, 4096, 5000, 70_000])
+def test_payloads_longer_than_pieces_come_whole_whatever_becomes_of_the_pieces(piece: int) -> None:
+    random = np.random.default_rng(1)
+    payloads = [compress(random.bytes(n), 3) for n in (20_000, 0, 9_000, 4_096, 30_000)]
+    data = packed([(Status.STORED, payload) for payload in payloads])
+    reader = BrickStreamReader(Kind.VOXELS, len(payloads), lambda _: 40_000)
+    found: list[Record] = []
+    buffer = bytearray(piece)  # as one that is received into again and again
+    for at in range(0, len(data), piece):
+        part = data[at : at + piece]
+        buffer[: len(part)] = part
+        found += reader.feed(memoryview(buffer)[: len(part)])
+    reader.finish()
+    assert [record.payload for record in found] == payloads
 
 
 @given(records=RECORDS, data=st.data())

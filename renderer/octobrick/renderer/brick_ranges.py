@@ -7,6 +7,7 @@ Stored ranges are those of the originals, one voxel wider than the brick. What i
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any, Final
@@ -17,29 +18,40 @@ from numpy.typing import NDArray
 from octobrick.renderer.brick_source import BrickSource
 
 KEPT: Final = 16
-"""Tables kept for later views, by volume, level, time step and channel; 10⁶ bricks take 18 MB."""
+"""Tables kept for later views, by volume, level, time step and channel; 10⁶ bricks take 21 MB."""
 
 Doubles = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class BrickRanges:
-    """Lowest and highest value by cube of 2^k bricks: entry k of each list is (nz, ny, nx)."""
+    """Values by cube of 2^k bricks: entry k of each list is (nz, ny, nx).
+
+    Attributes:
+        lows: lowest value of any brick of the cube.
+        highs: highest value of any.
+        common_lows: highest of the bricks' lowest values: what lies from there to `common_highs`
+            is in the range of every brick; nothing does where it is above.
+        common_highs: lowest of the bricks' highest values.
+    """
 
     lows: tuple[Doubles, ...]
     highs: tuple[Doubles, ...]
+    common_lows: tuple[Doubles, ...]
+    common_highs: tuple[Doubles, ...]
 
     @classmethod
     def of_bricks(cls, low: Doubles, high: Doubles) -> BrickRanges:
         """The tree above the ranges of bricks, up to a single cube."""
-        lows, highs = [low], [high]
-        while max(lows[-1].shape) > 1:
-            lows.append(_halved(lows[-1], np.minimum, np.inf))
-            highs.append(_halved(highs[-1], np.maximum, -np.inf))
-        return cls(tuple(lows), tuple(highs))
+        return cls(
+            _cubes(low, np.minimum, np.inf),
+            _cubes(high, np.maximum, -np.inf),
+            _cubes(low, np.maximum, -np.inf),
+            _cubes(high, np.minimum, np.inf),
+        )
 
 
-_kept: OrderedDict[tuple[str, int, int, int, bool], BrickRanges] = OrderedDict()
+_kept: OrderedDict[tuple[Any, ...], BrickRanges] = OrderedDict()
 _kept_errors: OrderedDict[tuple[str, int, int, int], NDArray[np.float32]] = OrderedDict()
 _lock = Lock()
 
@@ -51,12 +63,40 @@ def brick_ranges(
 
     The last few are kept: bricks of one revision never change.
     """
-    key = (source.revision, level, t, c, deblocked)
+    return _kept_tree(
+        (source.revision, level, t, c, deblocked),
+        lambda: _decoded_ranges(source, level, t, c, deblocked=deblocked),
+    )
+
+
+def luminance_ranges(
+    source: BrickSource,
+    level: int,
+    t: int,
+    channels: Sequence[int],
+    weights: Sequence[float],
+    *,
+    deblocked: bool = False,
+) -> BrickRanges:
+    """Likewise of the sum of some channels, each times its weight, which is not negative."""
+
+    def summed() -> tuple[Doubles, Doubles]:
+        trees = [brick_ranges(source, level, t, c, deblocked=deblocked) for c in channels]
+        low = sum(w * tree.lows[0] for w, tree in zip(weights, trees, strict=True))
+        high = sum(w * tree.highs[0] for w, tree in zip(weights, trees, strict=True))
+        return np.asarray(low), np.asarray(high)
+
+    key = (source.revision, level, t, *channels, *weights, deblocked)
+    return _kept_tree(key, summed)
+
+
+def _kept_tree(key: tuple[Any, ...], bricks: Callable[[], tuple[Doubles, Doubles]]) -> BrickRanges:
+    """The tree that has been kept, or one above the ranges of bricks."""
     with _lock:
         if key in _kept:
             _kept.move_to_end(key)
             return _kept[key]
-    tree = BrickRanges.of_bricks(*_decoded_ranges(source, level, t, c, deblocked=deblocked))
+    tree = BrickRanges.of_bricks(*bricks())
     with _lock:
         _kept[key] = tree
         while len(_kept) > KEPT:
@@ -107,6 +147,14 @@ def _of_neighbourhood(values: Doubles, extreme: np.ufunc) -> Doubles:
         extreme(values[tuple(first)], upper, out=values[tuple(first)])
         extreme(values[tuple(last)], lower, out=values[tuple(last)])
     return values
+
+
+def _cubes(values: Doubles, extreme: np.ufunc, beyond: float) -> tuple[Doubles, ...]:
+    """Those of bricks, and the least or greatest in each cube of 2^k bricks, up to a single one."""
+    found = [values]
+    while max(found[-1].shape) > 1:
+        found.append(_halved(found[-1], extreme, beyond))
+    return tuple(found)
 
 
 def _halved(values: Doubles, extreme: np.ufunc, beyond: float) -> Doubles:

@@ -142,15 +142,14 @@ class Classifier:
             )
             return np.asarray((low <= greatest) & (high >= least))
         from_least, to_greatest = self.widened
-        first_entry = np.floor(self._entry(low) - self.entry_margin)
-        last_entry = np.ceil(self._entry(high) + self.entry_margin)
-        first = np.clip(first_entry, 0, TABLE_ENTRIES - 1).astype(np.intp)
-        beyond = np.clip(last_entry, 0, TABLE_ENTRIES - 1).astype(np.intp) + 1
-        if from_least:
-            first = np.zeros_like(first)
-        if to_greatest:
-            beyond = np.full_like(beyond, TABLE_ENTRIES)
-        return np.asarray(self.opaque_before[beyond] > self.opaque_before[first])
+        first = beyond = None
+        if not from_least:
+            first = _in_table(np.floor(self._entry(low) - self.entry_margin))
+        if not to_greatest:
+            beyond = _in_table(np.ceil(self._entry(high) + self.entry_margin)) + 1
+        before_first = self.opaque_before[0 if first is None else first]
+        through_last = self.opaque_before[TABLE_ENTRIES if beyond is None else beyond]
+        return np.asarray(through_last > before_first)
 
     def _entry(self, value: NDArray[Any]) -> NDArray[np.float64]:
         """The position in the table of a value, not clipped."""
@@ -196,6 +195,12 @@ def checked_window(
             f"the volume's own is {default}"
         )
     return low, high
+
+
+def _in_table(entries: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The nearest entries that there are; np.clip takes twice as long for short arrays."""
+    nearest = np.minimum(np.maximum(entries, 0), TABLE_ENTRIES - 1)
+    return nearest.astype(np.intp)
 
 
 def _count_before(flags: NDArray[np.bool_]) -> NDArray[np.uint32]:

@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from octobrick.renderer.brick_ranges import BrickRanges, brick_ranges
+from octobrick.renderer.brick_descent import RangeTest
+from octobrick.renderer.brick_ranges import BrickRanges, brick_ranges, luminance_ranges
 from octobrick.renderer.brick_source import BrickSource, SourceLevel
 from octobrick.renderer.classifier import Classifier, ValueScale
 from octobrick.renderer.code_layout import CodeLayout
 from octobrick.renderer.errors import PictureTooLargeError
 from octobrick.renderer.modes import Slice
 from octobrick.renderer.render_request import RenderRequest
-from octobrick.renderer.selection import RangeTest, Selection, finest_useful_level, select_within
+from octobrick.renderer.selection import Selection, finest_useful_level, select_within
 from octobrick.renderer.slab_set import SlabLayout
 from octobrick.renderer.slabs import SlabPlan, plan_slabs
 from octobrick.renderer.transfer_function import TransferFunction
@@ -182,23 +183,13 @@ def _reference_length(request: RenderRequest, function: TransferFunction) -> flo
 def _range_tests(
     request: RenderRequest, level: int, classifiers: tuple[Classifier, ...]
 ) -> list[tuple[BrickRanges, RangeTest]]:
-    deblocked = request.deblocking is not None
-    trees = [
-        brick_ranges(request.volume, level, request.t, channel.c, deblocked=deblocked)
-        for channel in request.channels
-    ]
-    if not request.rgb:
-        return [(tree, c.visible) for tree, c in zip(trees, classifiers, strict=True)]
-    luminance = BrickRanges(
-        *(
-            tuple(
-                sum((w * part for w, part in zip(LUMINANCE, parts, strict=True)), np.zeros(()))
-                for parts in zip(*(getattr(tree, name) for tree in trees), strict=True)
-            )
-            for name in ("lows", "highs")
-        )
-    )
-    return [(luminance, classifiers[0].visible)]
+    volume, t, deblocked = request.volume, request.t, request.deblocking is not None
+    channels = [channel.c for channel in request.channels]
+    if request.rgb:
+        tree = luminance_ranges(volume, level, t, channels, LUMINANCE, deblocked=deblocked)
+        return [(tree, classifiers[0].visible)]
+    trees = [brick_ranges(volume, level, t, c, deblocked=deblocked) for c in channels]
+    return [(tree, c.visible) for tree, c in zip(trees, classifiers, strict=True)]
 
 
 def _clip_planes(request: RenderRequest) -> NDArray[np.float64]:

@@ -3,30 +3,26 @@
 A sample belongs to the brick that holds its *base voxel*, floor(p - ½) on each axis, which is the
 lowest of the eight voxels that it is interpolated from. Brick ranges reach one voxel beyond the
 brick, so a brick's range covers all of its samples.
-
-Bricks are tested from the coarsest cubes of 2^k³ bricks down: what drops a cube drops its bricks.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.renderer.brick_descent import RangeTest, descend
 from octobrick.renderer.brick_ranges import BrickRanges
 from octobrick.renderer.brick_source import BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
-from octobrick.renderer.view import Size, View, box_depths_world, boxes_beside, make_view
+from octobrick.renderer.view import Size, View, box_depths_world, make_view
 from octobrick.store.box import Box, Zyx, ceil_div
 
 Mask = NDArray[np.bool_]
-RangeTest = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
-"""Whether any value from low to high can be seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,16 +110,17 @@ def select_within(
     planes = {"frustum": view.planes_world}
     if clip_planes_world is not None and len(clip_planes_world):
         planes["clipped"] = clip_planes_world
-    found = _descend(geometry, brick_zyx, planes, ranges, counts, bricks_max)
-    if found is None:
+    descent = descend(geometry, brick_zyx, planes, ranges, bricks_max)
+    if descent is None:
         return None
+    found, dropped = descent
+    counts |= dropped | {"sampled": found.shape[1]}
     sampled, needed = (np.zeros(geometry.grid_zyx, bool) for _ in range(2))
-    counts["sampled"] = len(found)
-    if not len(found):
+    if not found.size:
         nothing = (slice(0, 0), slice(0, 0), slice(0, 0))
         return Selection(sampled, needed, Box((0, 0, 0), (0, 0, 0)), counts, nothing, 0)
-    sampled[tuple(found.T)] = True
-    low, high = found.min(axis=0), found.max(axis=0) + 1
+    sampled[tuple(found)] = True
+    low, high = found.min(axis=1), found.max(axis=1) + 1
     sz, sy, sx = (
         slice(max(0, int(a) - reach), min(n, int(b) + reach))
         for a, b, n, reach in zip(
@@ -223,122 +220,6 @@ def dilated(mask: Mask, brick_zyx: Zyx, margin_zyx: Zyx) -> Mask:
 def _reach(brick_zyx: Zyx, margin_zyx: Zyx) -> list[int]:
     """Bricks along each axis that some voxels reach across."""
     return [ceil_div(margin, edge) for edge, margin in zip(brick_zyx, margin_zyx, strict=True)]
-
-
-_PIECE: Final = 1024
-"""Cubes that are tested at once: their arrays stay in a core's cache, and of more bricks than are
-wanted few are looked at."""
-
-
-def _descend(
-    geometry: SourceLevel,
-    brick_zyx: Zyx,
-    planes: dict[str, NDArray[np.float64]],
-    ranges: Sequence[tuple[BrickRanges, RangeTest]],
-    counts: dict[str, int],
-    bricks_max: int,
-) -> NDArray[np.intp] | None:
-    """The bricks (n, 3) that pass all tests; the others are counted by the first that they fail.
-
-    None as soon as more pass than are wanted.
-    """
-    grid = np.array(geometry.grid_zyx)
-    top = max(0, int(grid.max() - 1).bit_length())
-    # Cubes to test, with whether each may reach beyond a plane: what lies within all of them
-    # needs no more tests against them, nor do its parts.
-    pending = [(top, np.zeros((1, 3), np.intp), np.ones(1, bool))]
-    found: list[NDArray[np.intp]] = []
-    nfound = 0
-    while pending:
-        k, nodes, crossing = pending.pop()
-        nodes, crossing = _in_sight(geometry, brick_zyx, planes, counts, (k, nodes, crossing))
-        nodes, crossing = _visible(geometry, ranges, counts, (k, nodes, crossing))
-        if k == 0:
-            found.append(nodes)
-            nfound += len(nodes)
-            if nfound > bricks_max:
-                return None
-        elif len(nodes):
-            nodes, crossing = _children(nodes, crossing, k - 1, grid)
-            pending += [
-                (k - 1, nodes[i : i + _PIECE], crossing[i : i + _PIECE])
-                for i in range(0, len(nodes), _PIECE)
-            ]
-    return np.concatenate(found) if found else np.zeros((0, 3), np.intp)
-
-
-_Cubes = tuple[int, NDArray[np.intp], Mask]
-"""Cubes of 2^k bricks: k, their places (n, 3), and which of them may cross a plane."""
-
-
-def _in_sight(
-    geometry: SourceLevel,
-    brick_zyx: Zyx,
-    planes: dict[str, NDArray[np.float64]],
-    counts: dict[str, int],
-    cubes: _Cubes,
-) -> tuple[NDArray[np.intp], Mask]:
-    """Those of the cubes that reach into all half-spaces, and which of them reach out of any."""
-    k, nodes, crossing = cubes
-    at = np.flatnonzero(crossing)
-    if not len(at):
-        return nodes, crossing
-    low, high = brick_bounds(nodes[at], k, geometry, brick_zyx)
-    keep, crosses = np.ones(len(nodes), bool), np.zeros(len(at), bool)
-    for reason, half_spaces in planes.items():
-        meets, within = boxes_beside(half_spaces, low, high)
-        dropped = at[~meets]
-        counts[reason] += _bricks_within(nodes[dropped], k, np.array(geometry.grid_zyx))
-        keep[dropped] = False
-        at, low, high = at[meets], low[meets], high[meets]
-        crosses = crosses[meets] | ~within[meets]
-    crossing = np.zeros(len(nodes), bool)
-    crossing[at] = crosses
-    return nodes[keep], crossing[keep]
-
-
-def _visible(
-    geometry: SourceLevel,
-    ranges: Sequence[tuple[BrickRanges, RangeTest]],
-    counts: dict[str, int],
-    cubes: _Cubes,
-) -> tuple[NDArray[np.intp], Mask]:
-    """Those of the cubes in which any channel shows anything."""
-    k, nodes, crossing = cubes
-    if not len(nodes):
-        return nodes, crossing
-    seen = np.zeros(len(nodes), bool)
-    for tree, test in ranges:
-        _, ny, nx = tree.lows[k].shape
-        at = (nodes[:, 0] * ny + nodes[:, 1]) * nx + nodes[:, 2]
-        seen |= test(tree.lows[k].reshape(-1)[at], tree.highs[k].reshape(-1)[at])
-    counts["transparent"] += _bricks_within(nodes[~seen], k, np.array(geometry.grid_zyx))
-    return nodes[seen], crossing[seen]
-
-
-_OCTANTS = np.array(list(np.ndindex(2, 2, 2)), np.intp)
-
-
-def _children(
-    nodes: NDArray[np.intp], crossing: Mask, k: int, grid: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], Mask]:
-    children = (2 * nodes[:, np.newaxis] + _OCTANTS).reshape(-1, 3)
-    crossing = np.repeat(crossing, len(_OCTANTS))
-    count = -(-grid >> k)
-    if (2 * nodes.max(axis=0) + 1 < count).all():
-        return children, crossing
-    exist = children[:, 0] < count[0]
-    exist &= (children[:, 1] < count[1]) & (children[:, 2] < count[2])
-    return children[exist], crossing[exist]
-
-
-def _bricks_within(nodes: NDArray[np.intp], k: int, grid: NDArray[np.intp]) -> int:
-    """How many bricks the cubes hold."""
-    if k == 0 or not len(nodes):
-        return len(nodes)
-    start = nodes << k
-    z, y, x = (np.minimum(start + (1 << k), grid) - start).T
-    return int((z * y * x).sum())
 
 
 def _box_of(

@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.renderer.brick_source import SourceLevel
-from octobrick.renderer.camera import Camera
+from octobrick.renderer.camera import Camera, cross
 from octobrick.store.box import Box
 
 FARTHEST: Final = 1e9
 """Volume diagonals: at that distance float64 still tells a millionth of a diagonal apart."""
+
+PLANE_SLACK: Final = 1e-3
+"""Of half a box's diagonal, kept beyond each plane: more than float32 rays can stray."""
 
 Vector = NDArray[np.float64]
 Size = tuple[int, int]
@@ -115,25 +118,11 @@ class View:
 
 def boxes_meet(planes: Vector, low: Vector, high: Vector) -> NDArray[np.bool_]:
     """Which boxes (..., 3) may reach into all half-spaces (n, 4); never False for one that does."""
-    return boxes_beside(planes, low, high)[0]
-
-
-def boxes_beside(
-    planes: Vector, low: Vector, high: Vector
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which boxes (..., 3) may reach into all half-spaces (n, 4), and which lie within all.
-
-    The first is never False for one that does. Whatever lies in a box of the second kind is of the
-    first.
-    """
     centre, half = (low + high) / 2, (high - low) / 2
     normal, offset = planes[:, :3], planes[:, 3]
-    middle, reach = centre @ normal.T, half @ np.abs(normal).T
-    # A thousandth of a box: more than float32 rays can stray.
-    slack = 1e-3 * np.linalg.norm(half, axis=-1, keepdims=True)
-    meets = (middle + reach + offset >= -slack).all(axis=-1)
-    within = (middle - reach + offset >= 0).all(axis=-1)
-    return np.asarray(meets), np.asarray(within)
+    reach = centre @ normal.T + half @ np.abs(normal).T + offset
+    slack = PLANE_SLACK * np.linalg.norm(half, axis=-1, keepdims=True)
+    return np.asarray((reach >= -slack).all(axis=-1))
 
 
 def checked_size(size: tuple[int, int], limit: int | None = None) -> Size:
@@ -244,12 +233,6 @@ def _corners(low: Vector, high: Vector) -> Vector:
     return np.where(pick, high, low)
 
 
-def _cross(a: Vector, b: Vector) -> Vector:
-    """np.cross takes ten times as long for two vectors."""
-    (ax, ay, az), (bx, by, bz) = a, b
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
 def _side_planes(
     start_world: Affine, toward_world: Affine, eye: Vector, forward: Vector, size: Size
 ) -> NDArray[np.float64]:
@@ -257,14 +240,14 @@ def _side_planes(
     width, height = size
     corners = [(0, 0), (width, 0), (width, height), (0, height)]
     planes = [(forward, -float(forward @ eye))]
+    inside = start_world.at(width / 2, height / 2) + toward_world.at(width / 2, height / 2)
     for i, (a, b) in enumerate(zip(corners, corners[1:] + corners[:1], strict=True)):
         along_edge = start_world.by_column if i % 2 == 0 else start_world.by_row
         if not along_edge.any():  # the eye is inside: all rays start in one point
             along_edge = toward_world.by_column if i % 2 == 0 else toward_world.by_row
-        normal = _cross(toward_world.at(*a), along_edge)
-        normal /= np.linalg.norm(normal)
+        normal = cross(toward_world.at(*a), along_edge)
+        normal /= math.sqrt(normal @ normal)
         through = start_world.at(*b)
-        inside = start_world.at(width / 2, height / 2) + toward_world.at(width / 2, height / 2)
         if normal @ (inside - through) < 0:
             normal = -normal
         planes.append((normal, -float(normal @ through)))

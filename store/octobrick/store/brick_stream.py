@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
@@ -28,6 +29,7 @@ _RECORD: Final = struct.Struct("<IB3sII")
 HEADER_NBYTES: Final = _HEADER.size
 RECORD_NBYTES: Final = _RECORD.size
 _NO_PADDING: Final = bytes(3)
+_SMALL_NBYTES: Final = 4096
 _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
 
@@ -95,7 +97,8 @@ def stored_nbytes_max(code_nbytes_max: int) -> int:
 class BrickStreamReader:
     """Takes a stream in pieces of any size and gives its records, each of which was checked.
 
-    Holds at most one record and the piece that was fed last. Not thread-safe.
+    Holds the pieces that one record came in, with what else is in the first and last of them. Not
+    thread-safe.
 
     Args:
         kind: that was asked for.
@@ -106,8 +109,9 @@ class BrickStreamReader:
 
     def __init__(self, kind: Kind, count: int, nbytes_max: Callable[[int], int]) -> None:
         self._kind, self._count, self._nbytes_max = kind, count, nbytes_max
-        self._pending = bytearray()
+        self._pending = _Pending()
         self._has_header = False
+        self._head: tuple[int, Status, int, int] | None = None  # of the record that is coming
         self._next = 0
         self._ended = False
 
@@ -129,32 +133,29 @@ class BrickStreamReader:
                 before are good; the stream is of no use any more.
         """
         pending = self._pending
-        pending += piece
-        at = 0
-        try:
-            if not self._has_header:
-                if len(pending) < HEADER_NBYTES:
-                    return
-                self._check_header(bytes(pending[:HEADER_NBYTES]))
-                self._has_header, at = True, HEADER_NBYTES
-            while not self._ended and len(pending) - at >= RECORD_NBYTES:
-                index, status, nbytes, crc = self._checked_head(pending, at)
-                start, stop = at + RECORD_NBYTES, at + RECORD_NBYTES + nbytes
-                if len(pending) < stop:
+        pending.add(piece)
+        if not self._has_header:
+            if pending.nbytes < HEADER_NBYTES:
+                return
+            self._check_header(pending.take(HEADER_NBYTES))
+            self._has_header = True
+        while not self._ended:
+            if self._head is None:
+                if pending.nbytes < RECORD_NBYTES:
                     break
-                at = stop
-                if status is Status.END:
-                    self._ended = True
-                    break
-                with memoryview(pending) as view:
-                    payload = bytes(view[start:stop])
-                record = self._checked_record(index, status, payload, crc)
-                self._next += 1
-                yield record
-            if self._ended and len(pending) > at:
-                raise _damaged(f"{len(pending) - at} bytes or more follow the end record")
-        finally:
-            del pending[:at]
+                self._head = self._checked_head(pending.take(RECORD_NBYTES))
+            index, status, nbytes, crc = self._head
+            if pending.nbytes < nbytes:
+                break
+            self._head = None
+            if status is Status.END:
+                self._ended = True
+                break
+            record = self._checked_record(index, status, pending.take(nbytes), crc)
+            self._next += 1
+            yield record
+        if self._ended and pending.nbytes:
+            raise _damaged(f"{pending.nbytes} bytes or more follow the end record")
 
     def finish(self) -> None:
         """Say that no more bytes come.
@@ -183,8 +184,8 @@ class BrickStreamReader:
         if zero or zeros:
             raise _damaged("reserved bytes of its header are not 0")
 
-    def _checked_head(self, pending: bytearray, at: int) -> tuple[int, Status, int, int]:
-        index, code, padding, nbytes, crc = _RECORD.unpack_from(pending, at)
+    def _checked_head(self, head: bytes) -> tuple[int, Status, int, int]:
+        index, code, padding, nbytes, crc = _RECORD.unpack(head)
         if index != self._next:
             raise _damaged(f"record {index} comes where {self._next} should")
         try:
@@ -226,6 +227,46 @@ class BrickStreamReader:
         if status is Status.FAILED:
             _require_error(record)
         return record
+
+
+class _Pending:
+    """Bytes in the order they came: a large payload is copied once, out of the pieces it came in.
+
+    Small pieces are gathered, so that what is kept costs little more than its bytes.
+    """
+
+    def __init__(self) -> None:
+        self._parts: deque[memoryview] = deque()
+        self._small = bytearray()  # behind the parts
+        self.nbytes = 0
+
+    def add(self, piece: bytes | bytearray | memoryview) -> None:
+        """Take a piece; what can change is copied."""
+        self.nbytes += len(piece)
+        if len(piece) < _SMALL_NBYTES:
+            self._small += piece
+            return
+        self._flush()
+        self._parts.append(memoryview(piece if isinstance(piece, bytes) else bytes(piece)))
+
+    def take(self, nbytes: int) -> bytes:
+        """The next bytes, of which there are so many."""
+        self._flush()
+        self.nbytes -= nbytes
+        taken: list[memoryview] = []
+        while nbytes:
+            part = self._parts.popleft()
+            if len(part) > nbytes:
+                self._parts.appendleft(part[nbytes:])
+                part = part[:nbytes]
+            taken.append(part)
+            nbytes -= len(part)
+        return b"".join(taken)
+
+    def _flush(self) -> None:
+        if self._small:
+            self._parts.append(memoryview(self._small))
+            self._small = bytearray()
 
 
 def _require_error(record: Record) -> None:
