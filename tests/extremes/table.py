@@ -175,6 +175,7 @@ EXTREMES = (
         "a ratio of 0 and of 1",
         {"zerobit": CODECS},
         "averages alone; all details, off by their rounding and their codewords",
+        limitation="Zerobit has no bound of its error",
     ),
     Extreme(
         "void-and-noise",
@@ -276,7 +277,8 @@ EXTREMES = (
         "field-of-view",
         "angles of view near 0° and 180°",
         {"renderer": ("glsl",)},
-        "finite pictures of what lies ahead; 0 and 180 are refused",
+        "finite pictures of what lies ahead, from 1e-6° to 179.999°; 0 and 180 are refused",
+        limitation="Above 179.999° the middle of a picture is off",
     ),
     Extreme(
         "anisotropic",
@@ -289,7 +291,7 @@ EXTREMES = (
         "step-size",
         "steps from 1/64 of a voxel to 4",
         {"renderer": ("glsl", "direct")},
-        "opacity follows the length of the way, not the number of steps, to 1e-3",
+        "opacity follows the length of the way, not the number of steps, to 1e-3 of it",
         limitation="What is thinner than a step can be missed",
     ),
     Extreme(
@@ -320,12 +322,22 @@ EXTREMES = (
         "a time series of which one step is damaged",
         {"renderer": ("glsl", "store", "server")},
         "CorruptBrickError of that step, no crash; all others as before",
+        {
+            "renderer-server": "tests/server/test_bricks.py::"
+            "test_damaged_brick_is_an_error_of_its_own_and_the_rest_is_served"
+        },
     ),
     Extreme(
         "beyond-the-levels",
         "a brick, level or step that there is not",
         {"renderer": ("glsl", "store", "server")},
         "a typed error that tells how many there are",
+        {
+            "renderer-store": "tests/store/test_volume.py::"
+            "test_a_brick_that_does_not_exist_is_refused_with_what_does",
+            "renderer-server": "tests/server/test_bricks.py::"
+            "test_what_the_volume_lacks_is_404",
+        },
     ),
     Extreme(
         "read-while-writing",
