@@ -18,7 +18,7 @@ ROOT = HERE.parents[1]
 LIMITATIONS = ROOT / "docs" / "limitations.md"
 
 
-def tests_here() -> dict[str, Any]:
+def functions_here() -> dict[str, Any]:
     """Every test function of this folder, by module and name."""
     found = {}
     for path in sorted(HERE.glob("test_*.py")):
@@ -53,7 +53,7 @@ def headings() -> list[str]:
 
 
 def test_every_row_has_a_test_for_each_system_and_implementation() -> None:
-    held = {place for function in tests_here().values() for place in places_of(function)}
+    held = {place for function in functions_here().values() for place in places_of(function)}
     held |= {
         f"{place.split('-')[0]}-{row.name}-{place.split('-')[1]}"
         for row in EXTREMES
@@ -63,7 +63,7 @@ def test_every_row_has_a_test_for_each_system_and_implementation() -> None:
 
 
 def test_every_test_holds_a_place_of_the_table() -> None:
-    for name, function in tests_here().items():
+    for name, function in functions_here().items():
         places = places_of(function)
         if not name.startswith("test_table."):
             assert places, f"{name} holds nothing"
@@ -98,7 +98,7 @@ def test_rows_point_at_places_that_they_have() -> None:
 
 def test_no_test_is_skipped_or_expected_to_fail_without_a_limitation() -> None:
     limited = {row.name for row in EXTREMES if row.limitation}
-    for name, function in tests_here().items():
+    for name, function in functions_here().items():
         marks = {mark.name for mark in getattr(function, "pytestmark", [])}
         if marks & {"skip", "skipif", "xfail"}:
             assert all(place.split("-", 1)[1].rsplit("-", 1)[0] in limited
