@@ -109,6 +109,7 @@ EXTREMES = (
             "renderer-store": "tests/store/test_ingest_kinds.py::"
             "test_conversion_keeps_values_that_fit_and_refuses_others_by_position"
         },
+        "Types of 32 and 64 bits have no code",
     ),
     Extreme(
         "greatest-floats",
@@ -142,6 +143,7 @@ EXTREMES = (
             "renderer-server": "tests/server/test_render.py::"
             "test_senseless_query_is_422_and_names_the_word",
         },
+        "NaN and infinity are never stored",
     ),
     Extreme(
         "tiny-range",

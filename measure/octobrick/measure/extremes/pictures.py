@@ -136,9 +136,9 @@ def _of_angle(scenes: Scenes, degrees: float) -> float:
 
 
 def _of_wide_angle(scenes: Scenes, short_of_180: float) -> float:
-    """From afar, so that a ray that is off misses."""
-    camera = _along_y(180 - short_of_180, 300.0)
-    return _off(scenes.opacity(camera, 0.05), 0.05, 20)
+    """From afar, so that a ray that is off misses, and from several places: rounding has luck."""
+    cameras = [_along_y(180 - short_of_180, away) for away in (300.0, 309.5, 317.3)]
+    return max(_off(scenes.opacity(camera, 0.05), 0.05, 20) for camera in cameras)
 
 
 def _of_distance(scenes: Scenes, distance: float) -> float:
