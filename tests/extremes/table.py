@@ -63,7 +63,7 @@ EVERY_CODEC = {
     "gradients": CODECS,
     "deblocking": CODECS,
 }
-CPP_ALONE = {system: ("cpp",) for system in EVERY_CODEC}
+CPP_ALONE = dict.fromkeys(EVERY_CODEC, ("cpp",))
 
 EXTREMES = (
     # ---- Shapes ------------------------------------------------------------------------------
@@ -121,8 +121,7 @@ EXTREMES = (
         "denormals",
         "float32 voxels of a few 2^−149",
         EVERY_CODEC,
-        "as exact as other numbers in numpy and C++ and on llvmpipe, in a volume that holds nothing "
-        "else; a GPU may take them for 0",
+        "as exact as other numbers in numpy, in C++ and on llvmpipe; a GPU may take them for 0",
         limitation="Denormal numbers may count as 0 on a GPU",
     ),
     Extreme(
@@ -157,7 +156,7 @@ EXTREMES = (
         "one-bit",
         "one bit an index",
         {"s3dc": (*CODECS, "direct"), "deblocking": CODECS},
-        "the least and the greatest of each block and nothing between; off by 128 of 8 bits at most",
+        "the ends of each block and nothing between; 8-bit samples off by 128 at most",
     ),
     Extreme(
         "eight-bits",
@@ -337,8 +336,7 @@ EXTREMES = (
         {
             "renderer-store": "tests/store/test_volume.py::"
             "test_a_brick_that_does_not_exist_is_refused_with_what_does",
-            "renderer-server": "tests/server/test_bricks.py::"
-            "test_what_the_volume_lacks_is_404",
+            "renderer-server": "tests/server/test_bricks.py::test_what_the_volume_lacks_is_404",
         },
     ),
     Extreme(

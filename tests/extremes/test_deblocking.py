@@ -114,7 +114,9 @@ def test_denormals_are_filtered_as_numbers(deblocking: DeblockingWay) -> None:
 
 @pytest.mark.parametrize("strength", [0, 4, 1e300])
 @holds("deblocking", "denormals", "cpp")
-def test_denormals_are_filtered_to_the_nearest_of_them(implementation: str, strength: float) -> None:
+def test_denormals_are_filtered_to_the_nearest_of_them(
+    implementation: str, strength: float
+) -> None:
     """As the same volume 2^120 times as large is, where nothing is denormal."""
     rng = np.random.default_rng(3)
     volume = (rng.integers(0, 8, (8, 9, 10)) * np.float64(TINY)).astype(np.float32)

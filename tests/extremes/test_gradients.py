@@ -206,7 +206,12 @@ def test_borders_of_regions_are_within_the_bound_and_alike_from_either_side(
 ) -> None:
     signs = list(itertools.product((1, -1), repeat=3))
     t = np.linspace(0, 1, 17)
-    families = [(1, 0 * t, 0 * t), (1 + 0 * t, 1 + 0 * t, t), (1 + 0 * t, t, t), (1 + 0 * t, t, 0 * t)]
+    families = [
+        (1, 0 * t, 0 * t),
+        (1 + 0 * t, 1 + 0 * t, t),
+        (1 + 0 * t, t, t),
+        (1 + 0 * t, t, 0 * t),
+    ]
     lines = np.concatenate(
         [np.stack(np.broadcast_arrays(*family), axis=-1) for family in families]
     ).astype(np.float64)

@@ -63,7 +63,7 @@ def test_volumes_one_voxel_thin_are_seen_in_all_modes(
     middle = tuple((n - 1) / 2 for n in reversed(shape))
     for mode in MODES:
         if isinstance(mode, Slice):
-            mode = Slice(middle, mode.normal_world_xyz)  # type: ignore[arg-type]  # noqa: PLW2901
+            mode = Slice(middle, mode.normal_world_xyz)  # type: ignore[arg-type]
         for azimuth, elevation in ((33, 27), (0, 90)):
             camera = Camera.orbit(source, azimuth, elevation)
             image = renderer.render(source, camera, uniform(1), (60, 60), mode=mode)
@@ -294,9 +294,7 @@ def test_slabs_of_any_thickness_give_the_same_picture(
     renderer: Renderer, implementation: str
 ) -> None:
     """Lit and deblocked, from S3Dc: cuts go through blocks and between samples."""
-    source = ArraySource(
-        np.tile(waves(), (3, 1, 1)), codec=S3dc((8, 8, 8), 2), brick=8, nlevels=1
-    )
+    source = ArraySource(np.tile(waves(), (3, 1, 1)), codec=S3dc((8, 8, 8), 2), brick=8, nlevels=1)
     function = TransferFunction(WHITE, ((0.1, 0.0), (0.6, 0.2)))
     for view, deblocking, budget in (
         ((30, 20), False, "16KiB"), ((45, 0), False, "16KiB"), ((0, 90), True, "200KiB"),

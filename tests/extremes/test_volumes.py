@@ -56,7 +56,7 @@ def test_a_volume_that_is_written_anew_is_seen_old_or_new_and_never_mixed(
                     found = np.unique(volume.read(0, Box.of_shape(shape)))
             except OctobrickError:
                 continue
-            except Exception as error:  # noqa: BLE001  # what the test is about
+            except Exception as error:  # what the test is about
                 problems.append(error)
                 continue
             if len(found) != 1:

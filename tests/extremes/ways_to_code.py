@@ -121,9 +121,7 @@ def source_of(array: Array, codec: S3dc | Zerobit | None) -> ArraySource:
     fill_value = 1.0 if wide.min() > 1 or wide.max() < 1 else 0.0
     absent = fill_value if not (wide == fill_value).all() else 2.0
     window = (float(wide.min()), float(wide.max()))
-    return ArraySource(
-        array, codec=codec, brick=BRICK, nlevels=1, fill_value=absent, window=window
-    )
+    return ArraySource(array, codec=codec, brick=BRICK, nlevels=1, fill_value=absent, window=window)
 
 
 def decoded_on_gpu(graphics: GraphicsContext, array: Array, codec: S3dc | Zerobit) -> Array:

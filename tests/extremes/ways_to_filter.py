@@ -187,4 +187,3 @@ def gpu_directions(graphics: GraphicsContext, codes: NDArray[np.uint8]) -> NDArr
             for thing in (program, given, made):
                 thing.release()
     return found.reshape(codes.shape)
-

@@ -27,8 +27,8 @@ def gradient_promises(seed: int) -> Iterator[Promise]:
         "length, float64", _CODED, DEGREES, partial(_of_length, unit), 1.0, 5e-324, 1e308, "log", 9
     )
     yield one(
-        "greatest ÷ least component", _CODED, DEGREES, partial(_of_flatness, rng.uniform(size=2000)),
-        1.0, 1.0, 1e300,
+        "greatest ÷ least component", _CODED, DEGREES,
+        partial(_of_flatness, rng.uniform(size=2000)), 1.0, 1.0, 1e300,
     )  # fmt: skip
     volume = rng.uniform(-1, 1, (6, 7, 9))
     yield one(
@@ -68,7 +68,8 @@ def _of_flatness(other: NDArray[np.float64], ratio: float) -> float:
 def _of_range(volume: NDArray[np.float64], size: float) -> float:
     array = (volume * size).astype(np.float32)
     found = gradients.central_differences(array)
-    exact = np.stack(np.gradient(array.astype(np.float64))[::-1], axis=-1)
+    z, y, x = np.gradient(array.astype(np.float64), axis=(0, 1, 2))
+    exact = np.stack([x, y, z], axis=-1)
     if not np.isfinite(found).all() or not found.any(axis=-1).all():
         return float("inf")
     return _angle(exact, found)

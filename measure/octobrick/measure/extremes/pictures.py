@@ -157,13 +157,14 @@ def _of_spacing(scenes: Scenes, ratio: float) -> float:
 
 def _waves(size: float = 1.0) -> NDArray[np.float32]:
     z, y, x = np.indices((8, 20, 20))
-    return (np.sin(x / 5) * np.cos(y / 6 + z / 3) * size).astype(np.float32)
+    waves: NDArray[np.float64] = np.sin(x / 5) * np.cos(y / 6 + z / 3)
+    return (waves * size).astype(np.float32)
 
 
 def _of_zoom(scenes: Scenes, zoom: float) -> float:
     array = _waves()
     low, high = float(array.min()), float(array.max())
-    found = scenes.slice_values(array, 6.0, zoom, (9, 9))[4, 4]
+    found = float(scenes.slice_values(array, 6.0, zoom, (9, 9))[4, 4])
     return abs(found - (float(array[6, 4, 8]) - low) / (high - low))
 
 
