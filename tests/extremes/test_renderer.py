@@ -312,7 +312,7 @@ def test_slabs_of_any_thickness_give_the_same_picture(
 def test_a_ray_that_ends_early_misses_less_than_a_hundredth(
     renderer: Renderer, implementation: str
 ) -> None:
-    """Behind dense matter lies white light; without an early end its part would be known."""
+    """Of an even medium it is known what a ray without an early end would gather."""
     for opacity in (0.05, 0.2, 0.6):
         length = 200
         voxels = np.full((4, length, 4), 1, np.uint8)
