@@ -131,7 +131,8 @@ def parse(data: bytes, codebook: bytes = b"") -> Code:
     if not shared:
         at += (count_a + count_d) * channels * size
     count = int(np.prod([-(-n // 16) for n in (nz, ny, nx)]))
-    thresholds = np.frombuffer(data, np.uint8, count, at) * np.float32(step)
+    with np.errstate(over="ignore"):  # as the decoder's, which may be infinite
+        thresholds = np.frombuffer(data, np.uint8, count, at) * np.float32(step)
     pointers = np.frombuffer(data, "<u4", count, at + count).tolist()
     first = at + 5 * count
     ends = [*pointers[1:], blocks_nbytes]

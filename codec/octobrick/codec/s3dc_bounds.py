@@ -72,14 +72,19 @@ def s3dc_bounds(
         )
     if codec.scale == "trained":
         half_steps: NDArray[np.float64] = extent * _widest_steps(codec, view, widths.shape) / 2
-        return half_steps.astype(np.float32)
+        return _narrow(half_steps)
     levels = 2.0 ** np.minimum(widths, 16) - 1
     bounds: NDArray[np.float64] = extent / (2 * np.maximum(levels, 1))
     if sample.kind != "f":
         bounds[extent <= levels] = 0
     if codec.variable or predicted:
         bounds = _without_steps(codec, widths, bounds, 8 * sample.itemsize)
-    return bounds.astype(np.float32)
+    return _narrow(bounds)
+
+
+def _narrow(bounds: NDArray[np.float64]) -> NDArray[np.float32]:
+    """As float32: a `max_error` may be beyond it, and no voxel can be as far off."""
+    return np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
 
 
 def _extents(ends: memoryview, sample: np.dtype[Any], grid: tuple[int, ...]) -> NDArray[np.float64]:

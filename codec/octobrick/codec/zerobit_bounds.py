@@ -30,7 +30,8 @@ def zerobit_bounds(codec: Zerobit, data: Buffer) -> NDArray[np.float32]:
     Raises:
         CorruptBrickError: the bytes are not a code with this codebook.
     """
-    bounds = 2 * codec.block_thresholds(data)
+    with np.errstate(over="ignore"):  # beyond float32 it does not limit
+        bounds = 2 * codec.block_thresholds(data)
     shape = codec.decode_level(data, 2).shape[:3]
     for axis, cells in enumerate(shape):
         bounds = np.repeat(bounds, _CELLS_PER_UNIT_BLOCK, axis).take(range(cells), axis)

@@ -184,7 +184,10 @@ def checked_window(
     """
     if window is None:
         low, high = (float(bound) for bound in default)
-        return (low, high) if low < high else (low, low + max(1.0, abs(low) * 1e-6))
+        if low < high:
+            return low, high
+        width = max(1.0, abs(low) * 1e-6)
+        return min(low, LARGEST - width), min(low + width, LARGEST)
     try:
         low, high = (float(bound) for bound in window)
     except (TypeError, ValueError):

@@ -65,7 +65,8 @@ def _flat_bound(layout: CodeLayout, code: bytes) -> bytes:
         if (widths == 0).any():
             bounds = s3dc_bounds(codec, code, layout.brick_zyx, layout.sample)
             bound = float(bounds[widths == 0][0])
-    return np.float32(bound or 0).tobytes()
+    # A bound may be beyond float32, which no voxel can be off by.
+    return np.float32(min(bound or 0, float(np.finfo(np.float32).max))).tobytes()
 
 
 def _require_zerobit(layout: CodeLayout, code: bytes) -> None:

@@ -30,7 +30,12 @@ vec4 sample_color(Ray ray, vec3 p) {
 
 // The colour of a sample that stands for some other length than one step.
 vec4 lengthened(vec4 color, float steps) {
-    float alpha = 1.0 - pow(1.0 - min(color.a, 1.0), steps);
+    // 1 - (1 - a)^steps; of a thin sample the series, as 1 - a has few digits of a.
+    float a = min(color.a, 1.0);
+    float alpha = a > 0.05
+        ? 1.0 - pow(1.0 - a, steps)
+        : a * steps * (1.0 - a * (steps - 1.0) / 2.0
+            * (1.0 - a * (steps - 2.0) / 3.0 * (1.0 - a * (steps - 3.0) / 4.0)));
     return color.a > 0.0 ? vec4(color.rgb * (alpha / color.a), alpha) : color;
 }
 
