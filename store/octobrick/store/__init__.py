@@ -11,6 +11,7 @@ from octobrick.store.local_volume import LocalVolume
 from octobrick.store.opening import open_volume
 from octobrick.store.progress import Progress
 from octobrick.store.report import IngestResult, LevelReport
+from octobrick.store.surface import Mesh, Placement, read_mesh
 from octobrick.store.synth import SynthResult, synth
 from octobrick.store.volume import Volume
 
@@ -21,6 +22,8 @@ __all__ = [
     "Level",
     "LevelReport",
     "LocalVolume",
+    "Mesh",
+    "Placement",
     "Progress",
     "SynthResult",
     "Volume",
@@ -28,5 +31,6 @@ __all__ = [
     "export",
     "ingest",
     "open_volume",
+    "read_mesh",
     "synth",
 ]

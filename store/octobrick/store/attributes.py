@@ -21,6 +21,7 @@ from octobrick.store.box import Zyx, ceil_div
 from octobrick.store.brick_codec import BrickCodec, codec_from_json, codec_to_json, require_codec
 from octobrick.store.errors import VolumeFormatError
 from octobrick.store.reducers import REDUCERS
+from octobrick.store.surface.attributes import SurfaceAttributes
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
 
 FORMAT_VERSION = 1
@@ -82,6 +83,7 @@ class VolumeAttributes:
     window: tuple[Number, Number]
     histograms: tuple[metrics.Histogram, ...]
     source: Mapping[str, Json]
+    surface: SurfaceAttributes | None = None
 
     @property
     def codec(self) -> BrickCodec:
@@ -110,7 +112,7 @@ class VolumeAttributes:
             "window": list(self.window),
             "histograms": [_histogram_to_json(h) for h in self.histograms],
             "source": dict(self.source),
-        }
+        } | ({} if self.surface is None else {"surface": self.surface.to_json()})
 
     @classmethod
     def from_json(cls, fields: Json, where: str) -> VolumeAttributes:
@@ -149,6 +151,7 @@ class VolumeAttributes:
             window=cast("tuple[Number, Number]", tuple(checked.numbers("window", 2))),
             histograms=checked.histograms(),
             source=checked.get("source", dict),
+            surface=SurfaceAttributes.from_fields(fields, where),
         )
 
 

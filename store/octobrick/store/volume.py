@@ -20,6 +20,7 @@ from octobrick.store.box import Box, Zyx, cells_touching, grid_of
 from octobrick.store.brick_codec import BrickCodec, codec_text
 from octobrick.store.level import Level, Xyz
 from octobrick.store.stored_gradients import StoredGradients
+from octobrick.store.surface.attributes import SurfaceAttributes
 
 Voxels = NDArray[np.generic]
 TableKind = Literal["range", "fidelity"]
@@ -125,6 +126,11 @@ class Volume(ABC):
     def histograms(self) -> tuple[metrics.Histogram, ...]:
         """How often values occur in each channel of the original, over all time steps."""
         return self._attributes.histograms
+
+    @property
+    def surface(self) -> SurfaceAttributes | None:
+        """The surface whose cells alone are stored; None where all voxels are."""
+        return self._attributes.surface
 
     @property
     def fill_value(self) -> int:
