@@ -100,7 +100,7 @@ def unit_vectors(vectors: Vectors) -> Vectors:
 
 def _places(what: str, values: ArrayLike, name: str) -> Vectors:
     try:
-        array = np.array(values, dtype=np.float64)
+        array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise InvalidInputError(f"{name}: {what} are no numbers ({error})") from error
     if array.ndim != 2 or array.shape[1] != 3 or len(array) > VERTICES_MAX:
@@ -135,4 +135,4 @@ def _faces(values: Any, nvertices: int, name: str) -> Faces:
             index=at,
             vertices=nvertices,
         )
-    return np.array(array, dtype=np.int32)
+    return np.array(array, dtype=np.int32, order="C")
