@@ -120,8 +120,10 @@ class GraphicsContext:
             if self._gl is None:
                 return
             with self._gl as gl:
-                for program in (*self._programs.values(), *self._draw_programs.values()):
+                for program in self._programs.values():
                     program.release()
+                for drawing in self._draw_programs.values():
+                    drawing.release()
             self._programs.clear()
             self._draw_programs.clear()
             gl.release()

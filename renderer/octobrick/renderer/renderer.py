@@ -246,7 +246,7 @@ class Renderer:
         *,
         placement: Placement | None = None,
         up: UpAxis = "z",
-        filter: str = "linear",
+        sampling: str = "linear",
         transfer_function: TransferFunction | None = None,
         window: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
         shading: bool | Lighting = True,
@@ -268,7 +268,7 @@ class Renderer:
             placement: where the mesh lies in the volume; None takes the one that the volume was
                 made for, or fits it in.
             up: which of the mesh's axes is then the world's z.
-            filter: "linear" between the eight texels around a place, or the "nearest" one.
+            sampling: "linear" between the eight texels around a place, or the "nearest" one.
             transfer_function: colours of a single channel's values; else channels are red, green
                 and blue.
             window: values of no and of full colour; None takes all that a byte has, of other types
@@ -293,7 +293,7 @@ class Renderer:
             size,
             placement=placement,
             up=up,
-            filter=filter,
+            sampling=sampling,
             transfer_function=transfer_function,
             window=window,
             shading=shading,

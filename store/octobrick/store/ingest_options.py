@@ -150,9 +150,7 @@ class IngestOptions:
             given = (Zerobit(),)
         return tuple(map(self.surface.codec_of, given))
 
-    def selection_of(
-        self, source: Source, shapes_zyx: Sequence[Zyx]
-    ) -> SurfaceSelection | None:
+    def selection_of(self, source: Source, shapes_zyx: Sequence[Zyx]) -> SurfaceSelection | None:
         """The cells that are kept; None for all.
 
         Raises:

@@ -81,7 +81,9 @@ class IngestPlan:
         plan = _pyramid_plan(
             self.source, self.options, self.shapes_zyx, self.reader, self.nworkers, codecs
         )
-        encoder_of = None if self.selection is None else partial(_cell_encoder, plan, self.selection)
+        encoder_of = (
+            None if self.selection is None else partial(_cell_encoder, plan, self.selection)
+        )
         return dataclasses.replace(plan, make_window=make_window, encoder_of=encoder_of)
 
 

@@ -80,7 +80,7 @@ class MeshDrawer:
             self._atlas = self._load(request, wanted)
             self._atlas_key = key
             self.uploaded_nbytes += self._atlas.nbytes
-        self._atlas.filter(self._gl, request.filter)
+        self._atlas.sample_by(self._gl, request.sampling)
         return self._atlas
 
     def draw(self, request: MeshRequest) -> None:
@@ -96,7 +96,7 @@ class MeshDrawer:
             "solid_texture",
             TILE=self._tile,
             BORDER=BORDER,
-            LINEAR=request.filter == "linear",
+            LINEAR=request.sampling == "linear",
             FUNCTION=request.function is not None,
             LIT=request.lighting is not None,
             ENTRIES=TABLE_ENTRIES,
@@ -134,7 +134,9 @@ class MeshDrawer:
         self._canvas.release()
 
     def _load(self, request: MeshRequest, wanted: int) -> TextureAtlas:
-        levels = [wanted] if request.level is not None else range(wanted, len(request.volume.levels))
+        levels = (
+            [wanted] if request.level is not None else range(wanted, len(request.volume.levels))
+        )
         nbytes = 0
         for level in levels:
             tiles = touched_tiles(

@@ -21,7 +21,7 @@ from octobrick.renderer.view import Size, checked_size
 from octobrick.store.surface import Mesh, Placement
 from octobrick.store.surface.placement import UpAxis
 
-TextureFilter = Literal["nearest", "linear"]
+Sampling = Literal["nearest", "linear"]
 _UINT8_WINDOW: Final = (0.0, 255.0)
 
 
@@ -35,7 +35,7 @@ class MeshRequest:
         placement: where it lies in the texture.
         camera: where from.
         size: columns and rows of the picture.
-        filter: how the texture is sampled.
+        sampling: of the texture.
         channels: three of red, green and blue; or one, coloured by the function.
         windows: values at 0 and 1 of each channel.
         function: of a single channel.
@@ -50,7 +50,7 @@ class MeshRequest:
     placement: Placement
     camera: Camera
     size: Size
-    filter: TextureFilter
+    sampling: Sampling
     channels: tuple[int, ...]
     windows: tuple[tuple[float, float], ...]
     function: TransferFunction | None
@@ -68,7 +68,7 @@ def make_mesh_request(
     *,
     placement: Placement | None,
     up: UpAxis,
-    filter: str,
+    sampling: str,
     transfer_function: TransferFunction | None,
     window: Any,
     shading: bool | Lighting,
@@ -85,9 +85,10 @@ def make_mesh_request(
     """
     if not isinstance(mesh, Mesh):
         raise InvalidInputError(f"mesh {mesh!r:.80}: give what read_mesh returns, or a Mesh")
-    if filter not in get_args(TextureFilter):
+    if sampling not in get_args(Sampling):
         raise InvalidInputError(
-            f"filter {filter!r:.40}: choose one of {list(get_args(TextureFilter))}", option="filter"
+            f"sampling {sampling!r:.40}: choose one of {list(get_args(Sampling))}",
+            option="sampling",
         )
     channels = _channels(volume, c, transfer_function)
     return MeshRequest(
@@ -96,7 +97,7 @@ def make_mesh_request(
         placement=placement_in(volume, mesh, placement, up),
         camera=camera,
         size=checked_size(size, size_max),
-        filter=filter,  # type: ignore[arg-type]
+        sampling=sampling,  # type: ignore[arg-type]
         channels=channels,
         windows=_windows(volume, window, len(channels)),
         function=transfer_function,

@@ -86,8 +86,6 @@ class TextureAtlas:
                 "a coarser level",
                 nbytes=layout.nbytes,
             ) from error
-        mode = gl.LINEAR if request.filter == "linear" else gl.NEAREST
-        self._atlas.filter = (mode, mode)
         self._table.filter = (gl.NEAREST, gl.NEAREST)
 
     @property
@@ -95,7 +93,7 @@ class TextureAtlas:
         """On the GPU."""
         return self.layout.nbytes
 
-    def filter(self, gl: moderngl.Context, name: str) -> None:
+    def sample_by(self, gl: moderngl.Context, name: str) -> None:
         """Sample as this name says from now on."""
         mode = gl.LINEAR if name == "linear" else gl.NEAREST
         self._atlas.filter = (mode, mode)
@@ -140,9 +138,7 @@ class TextureAtlas:
         return texels.reshape(nz * side, ny * side, nx * side, -1)
 
 
-def _relative(
-    voxels: NDArray[Any], window: tuple[float, float], as_colours: bool
-) -> NDArray[Any]:
+def _relative(voxels: NDArray[Any], window: tuple[float, float], as_colours: bool) -> NDArray[Any]:
     """Values as parts of a window: in 255ths, cut off at its ends; or as they are."""
     low, high = window
     if as_colours and voxels.dtype == np.uint8 and (low, high) == (0, 255):

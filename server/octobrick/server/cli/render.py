@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @view_options
 @surface_options("Draw this mesh (.ply, .obj) with the volume as its solid texture.")
 @click.option(
-    "--surface-filter",
+    "--surface-sampling",
     type=click.Choice(["linear", "nearest"]),
     default="linear",
     show_default=True,
@@ -67,7 +67,7 @@ def render(
     surface: Path | None,
     surface_placement: Placement | None,
     surface_up: str,
-    surface_filter: str,
+    surface_sampling: str,
     **options: Any,
 ) -> None:
     """Render VOLUME, a folder made by ingest or an address, to a picture file."""
@@ -87,7 +87,7 @@ def render(
         if depth_file is not None:
             raise InvalidInputError("depth: is not told of surfaces; leave it out", field="depth")
         shown: View | MeshView = MeshView(
-            view, read_mesh(surface), surface_placement, surface_up, surface_filter
+            view, read_mesh(surface), surface_placement, surface_up, surface_sampling
         )
     else:
         shown = replace(view, depth=depth_file is not None or holds_depth(output))

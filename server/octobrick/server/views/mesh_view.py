@@ -28,7 +28,7 @@ class MeshView:
         mesh: what is drawn.
         placement: where it lies; None for what the volume says, or fits.
         up: which of its axes is then the world's z.
-        filter: how the texture is sampled, "linear" or "nearest".
+        sampling: of the texture, "linear" or "nearest".
 
     Raises:
         InvalidInputError: the view asks for something that only rays through a volume have.
@@ -38,7 +38,7 @@ class MeshView:
     mesh: Mesh
     placement: Placement | None = None
     up: Any = "z"
-    filter: str = "linear"
+    sampling: str = "linear"
 
     def __post_init__(self) -> None:
         usual = View()
@@ -67,7 +67,7 @@ class MeshView:
             camera,
             view.size,
             placement=placement,
-            filter=self.filter,
+            sampling=self.sampling,
             transfer_function=function,
             window=view.window,
             shading=Lighting(lights=view.lights) if view.lights else view.shading,

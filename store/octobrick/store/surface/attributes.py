@@ -65,7 +65,9 @@ class SurfaceAttributes:
             } if (
                 len(name) <= _NAME_MAX
                 and len(digest) <= _NAME_MAX
-                and all(type(n) is int and 0 <= n < _COUNT_MAX for n in (nvertices, nfaces, *ncells))
+                and all(
+                    type(n) is int and 0 <= n < _COUNT_MAX for n in (nvertices, nfaces, *ncells)
+                )
             ):
                 try:
                     at = Placement.from_json(placement)

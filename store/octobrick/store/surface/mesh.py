@@ -28,8 +28,8 @@ class Mesh:
     Args:
         vertices_xyz: (n, 3), finite, in the mesh's own space.
         faces: (m, 3), indices of vertices, at least one face.
-        normals_xyz: (n, 3), of each vertex, of any length; None makes them of the faces around it,
-            weighted by their areas.
+        normals_xyz: (n, 3), of each vertex, of any length; where there are none, they are made of
+            the faces around it, weighted by their areas.
         name: for people.
 
     Raises:
@@ -38,13 +38,13 @@ class Mesh:
 
     vertices_xyz: Vectors
     faces: Faces
-    normals_xyz: Vectors = field(default=None)  # type: ignore[assignment]
+    normals_xyz: Vectors = field(default_factory=lambda: np.empty((0, 3)))
     name: str = "mesh"
 
     def __post_init__(self) -> None:
         vertices = _places("vertices", self.vertices_xyz, self.name)
         faces = _faces(self.faces, len(vertices), self.name)
-        if self.normals_xyz is None:
+        if len(self.normals_xyz) == 0:
             normals = area_weighted_normals(vertices, faces)
         else:
             normals = _places("normals", self.normals_xyz, self.name)
@@ -68,8 +68,8 @@ class Mesh:
     def digest(self) -> str:
         """Of places and faces (blake2b, 16 bytes, hexadecimal): names the surface."""
         content = hashlib.blake2b(digest_size=16)
-        content.update(np.ascontiguousarray(self.vertices_xyz, "<f8"))
-        content.update(np.ascontiguousarray(self.faces, "<i4"))
+        content.update(self.vertices_xyz.astype("<f8").tobytes())
+        content.update(self.faces.astype("<i4").tobytes())
         return content.hexdigest()
 
     def __repr__(self) -> str:
@@ -95,7 +95,8 @@ def unit_vectors(vectors: Vectors) -> Vectors:
     largest = np.abs(vectors).max(axis=1, keepdims=True, initial=0)
     scaled = np.divide(vectors, largest, out=np.zeros_like(vectors), where=largest > 0)
     lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
-    return np.divide(scaled, lengths, out=np.zeros_like(vectors), where=lengths > 0)
+    units: Vectors = np.divide(scaled, lengths, out=np.zeros_like(vectors), where=lengths > 0)
+    return units
 
 
 def _places(what: str, values: ArrayLike, name: str) -> Vectors:
@@ -112,7 +113,7 @@ def _places(what: str, values: ArrayLike, name: str) -> Vectors:
         at = int(np.argmin(sound))
         raise InvalidInputError(
             f"{name}: {'vertex' if what == 'vertices' else 'normal'} {at} is "
-            f"{tuple(array[at].tolist())}; places must be finite, and no further than {_PLACE_MAX:g}",
+            f"{tuple(array[at].tolist())}; places must be finite, up to {_PLACE_MAX:g}",
             index=at,
         )
     return array

@@ -122,7 +122,7 @@ def _parsed(content: bytes, kind: str, file: Path) -> dict[str, Any]:
             "reading meshes needs trimesh, which is not installed: pip install 'octobrick[mesh]'",
             package="trimesh",
         ) from error
-    load = {"ply": ply.load_ply, "obj": obj.load_obj}[kind]
+    load: Any = {"ply": ply.load_ply, "obj": obj.load_obj}[kind]
     try:
         # No resolver: nothing beside these bytes is ever opened.
         parsed = load(
@@ -151,12 +151,11 @@ def _joined(parts: list[dict[str, Any]]) -> dict[str, Any]:
         faces.append(_triangles(part.get("faces")) + nvertices)
         normals.append(_normals(part.get("vertex_normals"), own))
         nvertices += len(own)
-    has_normals = all(own is not None for own in normals)
-    return {
-        "vertices_xyz": np.concatenate(vertices),
-        "faces": np.concatenate(faces),
-        "normals_xyz": np.concatenate(normals) if has_normals else None,  # type: ignore[arg-type]
-    }
+    sound = [own for own in normals if own is not None]
+    joined = {"vertices_xyz": np.concatenate(vertices), "faces": np.concatenate(faces)}
+    if len(sound) == len(parts):
+        joined["normals_xyz"] = np.concatenate(sound)
+    return joined
 
 
 def _triangles(faces: Any) -> NDArray[np.int64]:

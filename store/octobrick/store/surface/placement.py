@@ -14,7 +14,7 @@ from octobrick.codec.errors import InvalidInputError
 from octobrick.store.surface.mesh import Mesh, Vectors, unit_vectors
 
 UpAxis = Literal["x", "y", "z"]
-# Cyclic, so that none is mirrored: where the mesh's (x, y, z) go when y, x or z becomes the world's z.
+# Which of the mesh's axes become the world's x, y and z. Cyclic, so that none is mirrored.
 _TURNS = {"z": (0, 1, 2), "y": (2, 0, 1), "x": (1, 2, 0)}
 
 
@@ -111,7 +111,8 @@ class Placement:
 
 def _spans(linear: NDArray[np.float64]) -> bool:
     largest = float(np.abs(linear).max())
-    return largest > 0 and abs(float(np.linalg.det(linear / largest))) > 1e-9 and (
-        math.isfinite(1 / largest)
+    return (
+        largest > 0
+        and abs(float(np.linalg.det(linear / largest))) > 1e-9
+        and (math.isfinite(1 / largest))
     )
-

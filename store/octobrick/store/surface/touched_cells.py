@@ -123,9 +123,10 @@ class _Search:
         half = size / 2 + self._margin
         corners = self._triangles[batch.triangle] - ((batch.cube + 0.5) * size)[:, np.newaxis]
         low, high = corners.min(axis=1), corners.max(axis=1)
-        meets = ((low <= half) & (high >= -half)).all(axis=1)
+        meets: NDArray[np.bool_] = np.asarray(((low <= half) & (high >= -half)).all(axis=1))
         # Where a corner lies in the cube no more needs to be asked: half of all pairs.
-        has_corner = (np.abs(corners) <= half).all(axis=2).any(axis=1)
+        inside: NDArray[np.bool_] = np.asarray((np.abs(corners) <= half).all(axis=2))
+        has_corner = inside.any(axis=1)
         asked = np.flatnonzero(meets & ~has_corner)
         meets[asked] = _overlap(corners[asked], half)
         return meets
