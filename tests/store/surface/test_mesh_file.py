@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from octobrick.codec.errors import InvalidInputError, OctobrickError, ResourceError
+from octobrick.codec.errors import InvalidInputError, ResourceError
 from octobrick.store import Mesh, read_mesh
 from octobrick.store.errors import SourceError, SourceNotFoundError, UnsupportedSourceError
 
@@ -149,7 +150,5 @@ def test_any_bytes_give_a_mesh_or_an_error_of_ours(tmp_path: Path) -> None:
         for at in rng.integers(0, len(changed), 3):
             changed[at] = rng.integers(256)
         (tmp_path / name).write_bytes(changed)
-        try:
+        with contextlib.suppress(SourceError):
             assert read_mesh(tmp_path / name).faces.max() < 10**6
-        except OctobrickError as error:
-            assert name in str(error)
