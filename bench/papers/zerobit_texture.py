@@ -101,7 +101,7 @@ def volume_sizes(path: Path, mesh: Mesh, placement: Placement, ratio: float) -> 
 
 
 def times(path: Path, mesh: Mesh, placement: Placement, nframes: int) -> dict[str, Any]:
-    """Median processor milliseconds of a frame by sampling and by how the texture lies, and of loading."""
+    """Median processor milliseconds of a frame, by sampling and how the texture lies."""
     ingest(
         path,
         path.with_suffix(".zarr"),

@@ -1,4 +1,4 @@
-"""`octobrick ingest --surface` and `octobrick render --surface` make a solid texture and show it."""
+"""The commands `ingest --surface` and `render --surface` make a solid texture and show it."""
 
 from __future__ import annotations
 
