@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from volumes import central
 
 WHITE = 225  # the least channel from which a voxel of the sections is background
-PAPERS_TIMES = {"voxels 1": 1.4, "planes z": 1.0, "cells": 1.0}
+PAPERS_TIMES = {"voxel_random": 1.4, "plane_z": 1.0, "cell": 1.0}
 """Times of a voxel over that of an array, at most, at 5 %; planes and cells "in most cases"."""
 
 
