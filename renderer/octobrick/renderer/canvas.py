@@ -50,6 +50,11 @@ class Canvas:
         if depth:
             self._clearers[1].clear(float("inf"))
 
+    @property
+    def framebuffer(self) -> moderngl.Framebuffer:
+        """The picture as a target to draw on; its rows are in the order of the picture's."""
+        return self._clearers[0]
+
     def bind(self, *, depth: bool) -> None:
         """Let shaders read and write the picture, and write the depth."""
         assert self._picture is not None

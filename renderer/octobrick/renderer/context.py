@@ -38,6 +38,7 @@ class GraphicsContext:
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._programs: dict[tuple[str, frozenset[tuple[str, Any]]], moderngl.ComputeShader] = {}
+        self._draw_programs: dict[tuple[str, frozenset[tuple[str, Any]]], moderngl.Program] = {}
         self._gl: moderngl.Context | None = _create()
         with self._gl:  # entered and left: no longer current in this thread
             info = self._gl.info
@@ -75,18 +76,43 @@ class GraphicsContext:
             self._programs[key] = self._compile(name, values)
         return self._programs[key]
 
+    def draw_program(self, name: str, **fragment_values: str | int | bool) -> moderngl.Program:
+        """A program that draws triangles, of NAME.vert.glsl, NAME.geom.glsl and NAME.frag.glsl.
+
+        Compiled on first use. Call it inside `current`.
+
+        Raises:
+            ShaderError: as `program` does.
+        """
+        key = (name, frozenset(fragment_values.items()))
+        if key not in self._draw_programs:
+            vertex = shader_source(f"{name}.vert.glsl", {})
+            geometry = shader_source(f"{name}.geom.glsl", {})
+            fragment = shader_source(f"{name}.frag.glsl", fragment_values)
+            assert self._gl is not None
+            try:
+                program = self._gl.program(
+                    vertex_shader=vertex, geometry_shader=geometry, fragment_shader=fragment
+                )
+            except Exception as error:
+                raise self._not_compiled(name, vertex + geometry + fragment, error) from error
+            self._draw_programs[key] = program
+        return self._draw_programs[key]
+
     def _compile(self, name: str, values: Values) -> moderngl.ComputeShader:
         source = shader_source(name, values)
         assert self._gl is not None
         try:
             return self._gl.compute_shader(source)
         except Exception as error:  # moderngl.Error, which need not be importable here
-            raise ShaderError(
-                f"shader {name} did not compile on {self.renderer_name}: {error}\n"
-                f"{numbered(source)}",
-                shader=name,
-                gl_renderer=self.renderer_name,
-            ) from error
+            raise self._not_compiled(name, source, error) from error
+
+    def _not_compiled(self, name: str, source: str, error: Exception) -> ShaderError:
+        return ShaderError(
+            f"shader {name} did not compile on {self.renderer_name}: {error}\n{numbered(source)}",
+            shader=name,
+            gl_renderer=self.renderer_name,
+        )
 
     def release(self) -> None:
         """Free the context and all that lives in it. Idempotent."""
@@ -96,7 +122,10 @@ class GraphicsContext:
             with self._gl as gl:
                 for program in self._programs.values():
                     program.release()
+                for drawing in self._draw_programs.values():
+                    drawing.release()
             self._programs.clear()
+            self._draw_programs.clear()
             gl.release()
             self._gl = None
 

@@ -274,11 +274,12 @@ def _shading_uniforms(request: RenderRequest, plan: FramePlan) -> dict[str, Any]
         stored = (high - low) / width * min(spacing_xyz) / finest if width > 0 else 1.0
         uniforms["edge_stored"] = [stored * edge for edge in request.edges]
     if request.lighting is not None:
-        uniforms |= _light_uniforms(request.lighting)
+        uniforms |= light_uniforms(request.lighting)
     return uniforms
 
 
-def _light_uniforms(lighting: Lighting) -> dict[str, Any]:
+def light_uniforms(lighting: Lighting) -> dict[str, Any]:
+    """The uniforms of shading.glsl."""
     return {
         "ambient": lighting.ambient,
         "diffuse": lighting.diffuse,

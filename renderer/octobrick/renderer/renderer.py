@@ -32,8 +32,12 @@ from octobrick.renderer.pass_clock import PassClock
 from octobrick.renderer.render_request import RenderRequest, make_request
 from octobrick.renderer.selection import finest_useful_level
 from octobrick.renderer.slab_filler import SlabFiller
+from octobrick.renderer.solid_texture.mesh_pictures import MeshPictures
+from octobrick.renderer.solid_texture.mesh_request import make_mesh_request
 from octobrick.renderer.streaming import continued, wanted_bricks
 from octobrick.renderer.transfer_function import TransferFunction
+from octobrick.store.surface import Mesh, Placement
+from octobrick.store.surface.placement import UpAxis
 
 if TYPE_CHECKING:
     import moderngl
@@ -90,6 +94,7 @@ class Renderer:
         )
         self._loader = BrickLoader(threads)
         self._last_camera: Camera | None = None
+        self._meshes: MeshPictures | None = None
         on_cpu = self._context.software if decode == "auto" else decode == "cpu"
         self.decodes_on: DecodeOn = "cpu" if on_cpu else "gpu"
         """Where bricks are held and decoded: "gpu" or "cpu"."""
@@ -112,6 +117,7 @@ class Renderer:
         self._loader.close()
         with suppress(InvalidInputError), self._context.current():  # closed already
             self._filler.forget()
+            self._forget_meshes()
         self._context.release()
 
     def forget_bricks(self) -> None:
@@ -119,6 +125,12 @@ class Renderer:
         with self._context.current():
             self._filler.forget()
             self._passes.release()
+            self._forget_meshes()
+
+    def _forget_meshes(self) -> None:
+        if self._meshes is not None:
+            self._meshes.release()
+            self._meshes = None
 
     @property
     def gl_renderer(self) -> str:
@@ -215,6 +227,7 @@ class Renderer:
             size_max=self._context.picture_side_max,
         )
         with self._context.current() as gl:
+            self._forget_meshes()
             self._filler.waits = wait
             if not wait:
                 self._loader.want(())  # what an earlier view wanted
@@ -223,6 +236,79 @@ class Renderer:
                 self._prefetch_motion(request)
             self._last_camera = camera
         return image
+
+    def render_mesh(
+        self,
+        volume: BrickSource,
+        mesh: Mesh,
+        camera: Camera,
+        size: tuple[int, int] = (768, 768),
+        *,
+        placement: Placement | None = None,
+        up: UpAxis = "z",
+        sampling: str = "linear",
+        transfer_function: TransferFunction | None = None,
+        window: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
+        shading: bool | Lighting = True,
+        background: Sequence[float] | None = (0.0, 0.0, 0.0),
+        level: int | None = None,
+        t: int = 0,
+        c: int | Sequence[int] | None = None,
+    ) -> RenderedImage:
+        """A picture of a mesh that has a volume as its solid texture.
+
+        Only tiles of the texture that the mesh touches are read and kept on the GPU, decoded.
+        What lies outside of the volume is grey.
+
+        Args:
+            volume: the texture.
+            mesh: what `octobrick.store.read_mesh` gives.
+            camera: where from.
+            size: (width, height) in pixels.
+            placement: where the mesh lies in the volume; None takes the one that the volume was
+                made for, or fits it in.
+            up: which of the mesh's axes is then the world's z.
+            sampling: "linear" between the eight texels around a place, or the "nearest" one.
+            transfer_function: colours of a single channel's values; else channels are red, green
+                and blue.
+            window: values of no and of full colour; None takes all that a byte has, of other types
+                the volume's window.
+            shading: light the surface, with the usual lighting or your own.
+            background: (red, green, blue) 0..1; None leaves the picture transparent.
+            level: of the pyramid; None takes the finest that has a texel for every pixel and fits
+                the budget.
+            t: time step.
+            c: three channels, or one with a transfer function.
+
+        Raises:
+            InvalidInputError: an argument is out of its range, or two do not go together.
+            PictureTooLargeError: what the surface touches does not fit the budget.
+            CorruptBrickError: a brick is damaged.
+        """
+        started = time.perf_counter()
+        request = make_mesh_request(
+            drawable(volume),
+            mesh,
+            camera,
+            size,
+            placement=placement,
+            up=up,
+            sampling=sampling,
+            transfer_function=transfer_function,
+            window=window,
+            shading=shading,
+            background=background,
+            level=level,
+            t=t,
+            c=c,
+            size_max=self._context.picture_side_max,
+        )
+        with self._context.current() as gl:
+            if self._meshes is None:
+                self._filler.forget()  # the budget is for one of both
+                self._passes.release()
+                self._meshes = MeshPictures(self._context, gl, self._limits.brick_nbytes)
+            return self._meshes.render(request, started)
 
     def prefetch(
         self,

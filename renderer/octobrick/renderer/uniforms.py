@@ -17,7 +17,10 @@ WORKGROUP_XY = 8
 
 
 def set_uniforms(
-    program: moderngl.ComputeShader, values: Mapping[str, Any], *, some_unused: bool = False
+    program: moderngl.ComputeShader | moderngl.Program,
+    values: Mapping[str, Any],
+    *,
+    some_unused: bool = False,
 ) -> None:
     """Set uniforms to numbers or sequences, samplers to texture units, arrays to NumPy arrays.
 

@@ -12,6 +12,7 @@ from octobrick.store.local_volume import LocalVolume
 from octobrick.store.opening import open_volume
 from octobrick.store.progress import Progress
 from octobrick.store.report import IngestResult, LevelReport
+from octobrick.store.surface import Mesh, Placement, read_mesh
 from octobrick.store.synth import SynthResult, synth
 from octobrick.store.volume import Volume
 
@@ -24,6 +25,8 @@ __all__ = [
     "Level",
     "LevelReport",
     "LocalVolume",
+    "Mesh",
+    "Placement",
     "Progress",
     "SynthResult",
     "Volume",
@@ -31,5 +34,6 @@ __all__ = [
     "export",
     "ingest",
     "open_volume",
+    "read_mesh",
     "synth",
 ]

@@ -22,6 +22,7 @@ from octobrick.store.brick_codec import BrickCodec, codec_from_json, codec_to_js
 from octobrick.store.camera_grid import CameraGrid
 from octobrick.store.errors import VolumeFormatError
 from octobrick.store.reducers import REDUCERS
+from octobrick.store.surface.attributes import SurfaceAttributes
 from octobrick.store.zarr_chunk import SUPPORTED_DTYPES
 
 FORMAT_VERSION = 1
@@ -84,6 +85,7 @@ class VolumeAttributes:
     histograms: tuple[metrics.Histogram, ...]
     source: Mapping[str, Json]
     light_field: CameraGrid | None = None
+    surface: SurfaceAttributes | None = None
 
     @property
     def codec(self) -> BrickCodec:
@@ -115,6 +117,8 @@ class VolumeAttributes:
         }
         if self.light_field is not None:
             fields["light_field"] = self.light_field.to_json()
+        if self.surface is not None:
+            fields["surface"] = self.surface.to_json()
         return fields
 
     @classmethod
@@ -155,6 +159,7 @@ class VolumeAttributes:
             histograms=checked.histograms(),
             source=checked.get("source", dict),
             light_field=checked.light_field(),
+            surface=SurfaceAttributes.from_fields(fields, where),
         )
 
 

@@ -21,6 +21,9 @@ from octobrick.store.report import IngestResult
 from octobrick.store.sources import Source, open_source
 from octobrick.store.sources.converted import converted
 from octobrick.store.sources.region import RegionSource
+from octobrick.store.surface import Mesh, Placement
+from octobrick.store.surface.option import surface_option
+from octobrick.store.surface.placement import UpAxis
 
 
 def ingest(
@@ -56,6 +59,9 @@ def ingest(
     dataset: str | None = None,
     axes: str | None = None,
     cameras: CameraStep | None = None,
+    surface: Mesh | str | os.PathLike[str] | None = None,
+    surface_placement: Placement | None = None,
+    surface_up: UpAxis = "z",
 ) -> IngestResult:
     """Read a source once and write a volume of all levels, visible only when complete.
 
@@ -105,6 +111,10 @@ def ingest(
         axes: the letters of the axes, slowest first, where a format does not name them.
         cameras: given, the pictures of a folder or pattern are the views of a light field, and the
             volume says so. It has one level, and by default zerobit bricks.
+        surface: a mesh, or the file of one, of which the volume is to be the solid texture: only
+            cells of 4³ voxels that it touches are stored, by Zerobit or exactly; all else is 0.
+        surface_placement: where it lies; None fits it into the volume.
+        surface_up: which of its axes then becomes the world's z: "x", "y" or "z".
 
     Raises:
         SourceError: the source is damaged, cut short, or of a kind that is not read.
@@ -132,6 +142,7 @@ def ingest(
         workers=workers,
         memory_nbytes=memory,
         checkpoint_seconds=checkpoint_seconds,
+        surface=surface_option(surface, surface_placement, surface_up),
     )
     dest_path = Path(os.path.abspath(dest))  # noqa: PTH100  (resolve() would follow symlinks)
     with (

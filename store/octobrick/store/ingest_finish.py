@@ -102,6 +102,7 @@ class IngestFinish:
             histograms=tuple(record.histograms),
             source=source.describe(),
             light_field=source.light_field,
+            surface=None if self._plan.selection is None else self._plan.selection.attributes(),
         )
 
     def _report(
@@ -144,6 +145,12 @@ class IngestFinish:
     def _notes(self) -> list[str]:
         if self._options.gradients and len(self._plan.shapes_zyx) == 1:
             return ["no gradients are stored: those of level 0 never are, and there is no other"]
+        selection = self._plan.selection
+        if selection is not None and selection.outside_share > 0:
+            return [
+                f"{selection.outside_share:.1%} of the surface's vertices lie outside of the "
+                "volume, and have no texture"
+            ]
         return []
 
 

@@ -11,11 +11,13 @@ import numpy as np
 from octobrick.codec import S3dc, Zerobit
 from octobrick.codec.errors import InvalidInputError
 from octobrick.store import attributes as attrs
-from octobrick.store.box import Box
+from octobrick.store.box import Box, Zyx
 from octobrick.store.brick_codec import BrickCodec, codec_text, codec_to_json, require_codec
 from octobrick.store.rate_target import Dial, RateTarget
 from octobrick.store.reducers import REDUCERS
 from octobrick.store.sources import Source
+from octobrick.store.surface.option import SurfaceOption
+from octobrick.store.surface.selection import SurfaceSelection
 
 DEFAULT_CODEC = S3dc(block=(8, 8, 8), bits=4)
 _ZSTD_OF_VOXELS, _ZSTD_OF_CODES = 3, 1
@@ -47,12 +49,17 @@ class IngestOptions:
     workers: int | None
     memory_nbytes: int | None
     checkpoint_seconds: float
+    surface: SurfaceOption | None = None
 
     def __post_init__(self) -> None:
         for codec in self._given_codecs:
             require_codec(codec)
         if self.target is not None:
             _ = self.dial
+        if self.surface is not None and (self.target is not None or self.gradients):
+            raise InvalidInputError(
+                f"surface: {self.target or 'gradients'} are of whole volumes; leave one of them out"
+            )
         _require("brick", self.brick, attrs.BRICK_MIN, attrs.BRICK_MAX)
         if self.brick % 2:
             raise InvalidInputError(f"brick {self.brick}: must be even", brick=self.brick)
@@ -155,7 +162,21 @@ class IngestOptions:
         given = tuple(self.codec) if isinstance(self.codec, Sequence) else (self.codec,)
         if not given:
             raise InvalidInputError("no codec; give one for all levels or one for each, or None")
-        return given
+        if self.surface is None:
+            return given
+        if self.codec is DEFAULT_CODEC:
+            given = (Zerobit(),)
+        return tuple(map(self.surface.codec_of, given))
+
+    def selection_of(self, source: Source, shapes_zyx: Sequence[Zyx]) -> SurfaceSelection | None:
+        """The cells that are kept; None for all.
+
+        Raises:
+            InvalidInputError: the surface touches none, or lies too far away.
+        """
+        if self.surface is None:
+            return None
+        return self.surface.selection(shapes_zyx, source.spacing_zyx, self.brick)
 
     def has_labels(self, source: Source) -> bool:
         """Whether voxels are names rather than quantities."""
@@ -179,7 +200,7 @@ class IngestOptions:
             "window": self.window and list(self.window),
             "region": region,
             "replace_nonfinite": self.replace_nonfinite,
-        }
+        } | ({} if self.surface is None else {"surface": self.surface.to_json()})
 
 
 def default_zstd_level(codec: BrickCodec) -> int:

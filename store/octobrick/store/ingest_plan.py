@@ -6,6 +6,7 @@ import dataclasses
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from octobrick.store.box import Zyx
@@ -17,6 +18,8 @@ from octobrick.store.piece_reader import PieceReader
 from octobrick.store.pyramid import PyramidPlan
 from octobrick.store.reducers import level_shapes
 from octobrick.store.sources import Source
+from octobrick.store.surface.cell_encoder import CellEncoder
+from octobrick.store.surface.selection import SurfaceSelection
 from octobrick.store.window import Window, WindowShape, memory_window
 
 
@@ -31,6 +34,7 @@ class IngestPlan:
         nworkers: encoding threads.
         reader: gives the source piece by piece.
         memory: what stays in memory.
+        selection: the cells that are kept, where a surface is given; else None.
     """
 
     source: Source
@@ -39,6 +43,7 @@ class IngestPlan:
     nworkers: int
     reader: PieceReader
     memory: MemoryPlan
+    selection: SurfaceSelection | None = None
 
     @classmethod
     def of(cls, source: Source, options: IngestOptions) -> IngestPlan:
@@ -59,7 +64,8 @@ class IngestPlan:
             piece_nbytes=reader.piece_nbytes,
             limit_nbytes=options.memory_nbytes,
         )
-        return cls(source, options, shapes, nworkers, reader, memory)
+        selection = options.selection_of(source, shapes)
+        return cls(source, options, shapes, nworkers, reader, memory, selection)
 
     def pyramid(self, codecs: Sequence[BrickCodec], folder: Path) -> PyramidPlan:
         """What is made of each channel.
@@ -75,7 +81,18 @@ class IngestPlan:
         plan = _pyramid_plan(
             self.source, self.options, self.shapes_zyx, self.reader, self.nworkers, codecs
         )
-        return dataclasses.replace(plan, make_window=make_window)
+        encoder_of = (
+            None if self.selection is None else partial(_cell_encoder, plan, self.selection)
+        )
+        return dataclasses.replace(plan, make_window=make_window, encoder_of=encoder_of)
+
+
+def _cell_encoder(
+    plan: PyramidPlan, selection: SurfaceSelection, level: int, brick_zyx: Zyx
+) -> CellEncoder:
+    encoder = plan.encoders[level]
+    assert isinstance(encoder, BrickEncoder)
+    return CellEncoder(encoder, selection.levels[level], brick_zyx)
 
 
 def _pyramid_plan(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -68,6 +68,7 @@ class PyramidPlan:
         source_nplanes: so many planes of level 0 are put at once, at most.
         make_window: of an array.
         nahead: bricks that may be under way at once.
+        encoder_of: of a level and a brick, where bricks have their own; else None.
     """
 
     shapes_zyx: tuple[Zyx, ...]
@@ -79,6 +80,7 @@ class PyramidPlan:
     source_nplanes: int
     make_window: MakeWindow
     nahead: int
+    encoder_of: Callable[[int, Zyx], Encoder] | None = None
 
     @property
     def brick(self) -> int:
@@ -264,7 +266,13 @@ class _Level:
                 around = partial(rows, *x_span.around)
                 starts, stops = zip(z_span.core, y_span.core, x_span.core, strict=True)
                 is_wanted = self._sink.wants(self._address((self.layer, y, x)))
-                yield partial(self._work.run, around, Box(starts, stops), is_wanted=is_wanted)
+                work = self._work_on((self.layer, y, x))
+                yield partial(work.run, around, Box(starts, stops), is_wanted=is_wanted)
+
+    def _work_on(self, brick_zyx: Zyx) -> BrickWork:
+        if self._plan.encoder_of is None:
+            return self._work
+        return replace(self._work, encoder=self._plan.encoder_of(self._index, brick_zyx))
 
     def _span(self, index: int, axis: int) -> _Span:
         """Where the bricks with this index lie along an axis."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from octobrick.codec.errors import OctobrickError
+from octobrick.codec.errors import OctobrickError, UnsupportedError
 from octobrick.store.box import Box
 from octobrick.store.brick_encoder import BrickEncoder, DirectionEncoder
 from octobrick.store.camera_grid import CameraGrid
@@ -34,8 +34,15 @@ def source_of(volume: LocalVolume, source: Source) -> Source:
 
     Raises:
         SourceMismatchError: it has other voxels than the volume by shape, type or channels.
+        UnsupportedError: the volume holds only what a surface touches.
         OctobrickError: the region or conversion that the volume names do not fit the source.
     """
+    if volume.surface is not None:
+        raise UnsupportedError(
+            f"{volume.path}: holds the cells around {volume.surface.name} only, which its source "
+            "does not tell; verify it without the source, or ingest it again",
+            path=str(volume.path),
+        )
     made_from = volume.metadata()["source"]
     try:
         part = source

@@ -21,6 +21,7 @@ from octobrick.store.brick_codec import BrickCodec, codec_text
 from octobrick.store.camera_grid import CameraGrid
 from octobrick.store.level import Level, Xyz
 from octobrick.store.stored_gradients import StoredGradients
+from octobrick.store.surface.attributes import SurfaceAttributes
 
 Voxels = NDArray[np.generic]
 TableKind = Literal["range", "fidelity"]
@@ -131,6 +132,11 @@ class Volume(ABC):
     def light_field(self) -> CameraGrid | None:
         """The cameras whose views the slices are; None of a volume that is no light field."""
         return self._attributes.light_field
+
+    @property
+    def surface(self) -> SurfaceAttributes | None:
+        """The surface whose cells alone are stored; None where all voxels are."""
+        return self._attributes.surface
 
     @property
     def fill_value(self) -> int:

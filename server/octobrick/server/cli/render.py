@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from octobrick.codec.errors import InvalidInputError
+from octobrick.server.cli.surface_options import surface_options
 from octobrick.server.cli.text import format_seconds
 from octobrick.server.cli.view_options import (
     holds_depth,
@@ -21,6 +22,9 @@ from octobrick.server.cli.view_options import (
 
 if TYPE_CHECKING:
     from octobrick.renderer import RenderedImage
+    from octobrick.server.views.mesh_view import MeshView
+    from octobrick.server.views.view import View
+    from octobrick.store import Placement
 
 
 @click.command()
@@ -33,6 +37,14 @@ if TYPE_CHECKING:
     help="File to write: .png, .webp, .jpg, .exr or .npy.",
 )
 @view_options
+@surface_options("Draw this mesh (.ply, .obj) with the volume as its solid texture.")
+@click.option(
+    "--surface-sampling",
+    type=click.Choice(["linear", "nearest"]),
+    default="linear",
+    show_default=True,
+    help="How the texture is sampled.",
+)
 @click.option(
     "--quality",
     type=click.IntRange(1, 100),
@@ -52,12 +64,17 @@ def render(
     quality: int | None,
     depth_file: Path | None,
     stats: bool,
+    surface: Path | None,
+    surface_placement: Placement | None,
+    surface_up: str,
+    surface_sampling: str,
     **options: Any,
 ) -> None:
     """Render VOLUME, a folder made by ingest or an address, to a picture file."""
     from octobrick.renderer import Renderer
     from octobrick.renderer.picture_files import holds_floats, require_picture
-    from octobrick.store import open_volume
+    from octobrick.server.views.mesh_view import MeshView
+    from octobrick.store import open_volume, read_mesh
 
     view = view_of(options)
     require_folder(output)
@@ -66,9 +83,18 @@ def render(
         require_no_annotations(view, output)
     if depth_file is not None:
         _require_depth_file(depth_file)
-    view = replace(view, depth=depth_file is not None or holds_depth(output))
+    if surface is not None:
+        if depth_file is not None:
+            raise InvalidInputError("depth: is not told of surfaces; leave it out", field="depth")
+        shown: View | MeshView = MeshView(
+            view, read_mesh(surface), surface_placement, surface_up, surface_sampling
+        )
+    else:
+        shown = replace(view, depth=depth_file is not None or holds_depth(output))
     with open_volume(volume) as opened, Renderer() as renderer:
-        image = view.render(renderer, opened)
+        image = shown.render(renderer, opened)
+        if isinstance(shown, MeshView) and (warning := shown.warning(opened)):
+            click.echo(f"octobrick: warning: {warning}", err=True)
         image.save(output, quality=quality)
         if depth_file is not None:
             _save_depth(image, depth_file)
