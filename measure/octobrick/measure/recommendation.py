@@ -176,8 +176,7 @@ class Advisor:
                 )
                 for row in own
             )
-            at = float(np.interp(wanted, *np.array(points).T))
-            codec = dial.at(at, self.sweep.peak)
+            codec = dial.at(_on_the_line(wanted, points), self.sweep.peak)
         row = self.sweep.row(found_setting(family, kind, target.value, codec), self.bricks)
         # An ingest keeps exactly what no code has the PSNR for; a ratio it may have to refuse.
         met = kind == "psnr" or any(self._meets(target, one) for one in (*own, row))
@@ -256,6 +255,17 @@ class Advisor:
         reason = f"{setting.label}: {figures(row, self._ratio(row))}; {why}"
         command = ingest_command(self.reference, setting)
         return Recommendation(str(target), met, setting, reason, command), row
+
+
+def _on_the_line(wanted: float, points: Sequence[tuple[float, float]]) -> float:
+    """The position of a dial between those of ascending points, or beyond them as they go on."""
+    xs, ys = np.array(points).T
+    at = float(np.interp(wanted, xs, ys))
+    if len(xs) > 1 and not xs[0] <= wanted <= xs[-1]:
+        i, j = (0, 1) if wanted < xs[0] else (-2, -1)
+        if xs[j] > xs[i]:
+            at = float(ys[i] + (wanted - xs[i]) * (ys[j] - ys[i]) / (xs[j] - xs[i]))
+    return min(max(at, 0.0), 1.0)
 
 
 def for_frames(
