@@ -165,12 +165,15 @@ def _recommended(
     for place, row in enumerate(sorted(chosen, key=lambda row: float(getattr(row, x)))):
         at = getattr(row, x), getattr(row, y)
         axes.plot(*at, "o", ms=_RING_POINTS, mfc="none", mec=INK, mew=2, zorder=5)
-        left = place % 2 == 0 and len(chosen) > 1  # neighbours have their names on two sides
-        axes.annotate(
-            plain(row.setting.label), at, xytext=(-9, 7) if left else (9, -12),
-            textcoords="offset points", ha="right" if left else "left", color=INK, fontsize=8.5,
-            fontweight="bold", zorder=6,
+        low, high = axes.get_xlim()
+        left = at[0] ** 2 > low * high  # in the right half of a logarithmic axis
+        # Neighbours have their names one above the other.
+        offset = (-9, 7 + 11 * place) if left else (9, -12 - 11 * place)
+        name = axes.annotate(
+            plain(row.setting.label), at, xytext=offset, textcoords="offset points",
+            ha="right" if left else "left", color=INK, fontsize=8.5, fontweight="bold", zorder=6,
         )  # fmt: skip
+        name.set_in_layout(False)
 
 
 def _lossless(axes: Axes, measurement: Measurement, bits: Bits) -> None:

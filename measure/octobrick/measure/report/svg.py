@@ -19,6 +19,7 @@ WIDTH_INCHES: Final = 4.9
 """Small, so that text is legible on a phone, where a figure is as wide as the screen."""
 FONT_POINTS: Final = 9.5
 _SMALL_POINTS: Final = 8.5
+_FEW_DECADES: Final = 3e3
 
 
 def new_figure(
@@ -45,10 +46,16 @@ def new_figure(
 
 
 def readable_log(axis: Any) -> None:
-    """Numbers at 1, 2 and 5 of each decade, or at its ends only where there are many."""
+    """Numbers at 1, 2 and 5 of each decade, or at its beginning only where there are many."""
+
+    def number(value: float, _: object) -> str:
+        low, high = axis.get_view_interval()
+        begins = f"{value:.0e}".startswith("1")
+        return f"{value:g}" if begins or high / low < _FEW_DECADES else ""
+
     ticker: Any = required("matplotlib.ticker", "matplotlib", "a report's plots", "measure")
     axis.set_major_locator(ticker.LogLocator(10, subs=(1.0, 2.0, 5.0), numticks=12))
-    axis.set_major_formatter(lambda value, _: f"{value:g}")
+    axis.set_major_formatter(number)
     axis.set_minor_formatter(ticker.NullFormatter())
 
 
