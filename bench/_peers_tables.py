@@ -59,7 +59,7 @@ def _psnr(row: Row) -> str:
 
 def _failures(rows: Rows) -> str:
     failed = {k: row for k, row in rows.items() if "failed" in row}
-    return "".join(f"\n! {k}: {row['kind']}: {row['failed']}" for k, row in failed.items())
+    return "".join(f"\n! {k}: {row['failed']}" for k, row in failed.items())
 
 
 def compact_table(volumes: dict[str, Any], layout: Layout) -> str:
