@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from statistics import median
 from typing import Any
 
 import _measure
@@ -49,8 +50,12 @@ def _cells(row: Row) -> list[str]:
         f"{row['disk_bits']:.2f}",
         _psnr(row),
         f"{row['max_error_percent']:.3g}",
-        *("–" if rate is None else f"{rate:.3g}" for rate in rates),
+        *("–" if rate is None else _rate(rate) for rate in rates),
     ]
+
+
+def _rate(rate: float) -> str:
+    return f"{rate:.0f}" if rate >= 100 else f"{rate:.3g}"
 
 
 def _psnr(row: Row) -> str:
@@ -105,7 +110,7 @@ def rate_table(volumes: dict[str, Any], layout: Layout) -> str:
             rates = [v["rows"].get(method, {}).get(key) for v in volumes.values()]
             known = sorted(rate for rate in rates if rate is not None)
             cells.append(
-                f"{known[len(known) // 2]:.3g} ({known[0]:.3g} – {known[-1]:.3g})" if known else "–"
+                f"{_rate(median(known))} ({_rate(known[0])} – {_rate(known[-1])})" if known else "–"
             )
         lines.append(cells)
     return layout(["Mvoxel/s, median (of all volumes)", "encode", "decode"], lines)
@@ -122,6 +127,28 @@ def wins_table(found: dict[str, list[Verdict]], layout: Layout) -> str:
         counts = Counter(v.winner for v in of)
         lines.append([rule, peer, *(str(counts[who]) for who in ("ours", "tie", "peer", "none"))])
     return layout(["rule", "peer", "we win", "tie", "we lose", "no figure"], lines)
+
+
+SCORED = {
+    "PSNR at equal resident bits": "dB, resident",
+    "PSNR at equal disk bits": "dB, disk",
+    "disk bits at equal greatest error": "bits at equal error",
+    "disk bits without loss": "bits without loss",
+}
+
+
+def scores_table(found: dict[str, list[Verdict]], layout: Layout) -> str:
+    """For each peer on how many volumes we win, tie and lose, by rules of size and error."""
+    every = [verdict for of in found.values() for verdict in of]
+    lines = []
+    for peer in dict.fromkeys(v.peer for v in every if v.rule in SCORED):
+        cells = []
+        for rule in SCORED:
+            counts = Counter(v.winner for v in every if (v.peer, v.rule) == (peer, rule))
+            wins = "–".join(str(counts[who]) for who in ("ours", "tie", "peer"))
+            cells.append(wins if counts else "")
+        lines.append([peer, *cells])
+    return layout(["won–tied–lost beside", *SCORED.values()], lines)
 
 
 def losses(found: dict[str, list[Verdict]]) -> str:

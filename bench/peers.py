@@ -98,7 +98,7 @@ def write_markdown(figures: dict[str, Any], path: Path) -> None:
         _peers_tables.compact_table(volumes, layout),
         _peers_tables.lossless_table(volumes, layout),
         _peers_tables.rate_table(volumes, layout),
-        _peers_tables.wins_table(found, layout),
+        _peers_tables.scores_table(found, layout),
         _peers_tables.short_losses(found),
         _peers_tables.summary_line(found),
     )
