@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import platform
+import resource
 import statistics
 import subprocess
 import sysconfig
@@ -52,7 +53,11 @@ def _cpu() -> str:
     return platform.processor() or platform.machine()
 
 
-def alternating(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
+def alternating(
+    calls: Mapping[str, Callable[[], object]],
+    rounds: int,
+    clock: Callable[[], float] = time.perf_counter,
+) -> dict[str, float]:
     """The median seconds of each call; they take turns, so that a drifting machine is fair to all.
 
     A first call of each, which makes tables and pages, does not count.
@@ -62,10 +67,16 @@ def alternating(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[
         call()
     for _ in range(rounds):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start = clock()
             call()
-            seconds[name].append(time.perf_counter() - start)
+            seconds[name].append(clock() - start)
     return {name: statistics.median(took) for name, took in seconds.items()}
+
+
+def processor_seconds() -> float:
+    """Processor time of this process and of children that ended: other work does not count."""
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + ended.ru_utime + ended.ru_stime
 
 
 def layout(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -1,12 +1,14 @@
-"""Chunks decoded on the fly for Zarr and Neuroglancer readers, beside TensorStore on local files.
+"""Chunks decoded on the fly for Zarr and Neuroglancer readers, beside the same readers on files.
 
     script/bench interop_speed [--data DIR] [--quick] [--json FILE]
 
 Serves the head CT (234×512×512 uint8, S3Dc at 4 bits) by `octobrick serve`, and exports the same
 voxels as an ordinary OME-Zarr. Then, taking turns: every chunk of level 0 by four connections of
 one Python client, from a server that keeps no chunk (cold) and from one that has them all (cached);
-and all of level 0 into memory by TensorStore, from both servers and from the exported files. Client
-and servers share the machine. MB are of voxels.
+and all of level 0 into memory by TensorStore and by zarr-python (over obstore), from both servers
+and from the exported files, which have the same chunks in shards. Client and servers share the
+machine. MB are of voxels; the last column is the rate beside that of the same reader on the files,
+of chunks alone beside TensorStore's.
 """
 
 from __future__ import annotations
@@ -26,11 +28,13 @@ from typing import Any
 import _measure
 import numpy as np
 import tensorstore
+import zarr
 
 from octobrick.store import Volume, ingest, open_volume
 from octobrick.store.export import export
 
 CONNECTIONS = 4
+LOCAL = "local files"
 
 
 @contextmanager
@@ -89,6 +93,26 @@ def read_all(driver: str, kvstore: dict[str, Any]) -> np.ndarray[Any, Any]:
     return found
 
 
+def read_all_by_zarr(store: Any, path: str) -> np.ndarray[Any, Any]:
+    """Level 0 by zarr-python, opened anew."""
+    found = zarr.open_array(store, path=path, mode="r")[...]
+    return np.asarray(found)
+
+
+def zarr_over_http(port: int) -> np.ndarray[Any, Any]:
+    """Level 0 by zarr-python from a server."""
+    try:
+        import obstore.store
+    except ImportError:
+        sys.exit("zarr-python reads over HTTP by obstore: pip install 'octobrick[remote]'")
+    from zarr.storage import ObjectStore
+
+    http = obstore.store.HTTPStore.from_url(
+        f"http://127.0.0.1:{port}/zarr/head", client_options={"allow_http": True}
+    )
+    return read_all_by_zarr(ObjectStore(http, read_only=True), "0")
+
+
 def run(data: Path, quick: bool) -> dict[str, Any]:
     """Seconds for all of level 0, by each way."""
     with tempfile.TemporaryDirectory() as name:
@@ -107,6 +131,7 @@ def run(data: Path, quick: bool) -> dict[str, Any]:
                     found = np.squeeze(read_all(driver, kvstore))
                     voxels = found if driver == "zarr3" else found.transpose()
                     np.testing.assert_array_equal(voxels, volume.read(0))
+                np.testing.assert_array_equal(np.squeeze(zarr_over_http(port)), volume.read(0))
             seconds = _measure.alternating(calls, 3 if quick else 9)
         nchunks = int(np.prod(volume.levels[0].grid_zyx))
         return {"seconds": seconds, "nchunks": nchunks, "nbytes": volume.levels[0].nbytes}
@@ -124,21 +149,27 @@ def _calls(folder: Path, volume: Volume, ports: dict[str, int]) -> dict[str, Cal
         ):
             kvstore = {"driver": "http", "base_url": f"http://127.0.0.1:{port}/{path}/"}
             calls[f"TensorStore {driver}, {state}"] = lambda d=driver, k=kvstore: read_all(d, k)  # type: ignore[misc]
+        calls[f"zarr-python, {state}"] = lambda p=port: zarr_over_http(p)  # type: ignore[misc]
     files = {"driver": "file", "path": str(folder / "plain.ome.zarr" / "0")}
-    calls["TensorStore zarr3, local files"] = lambda: read_all("zarr3", files)
+    calls[f"TensorStore zarr3, {LOCAL}"] = lambda: read_all("zarr3", files)
+    plain = str(folder / "plain.ome.zarr")
+    calls[f"zarr-python, {LOCAL}"] = lambda: read_all_by_zarr(plain, "0")
     return calls
 
 
 def table(figures: dict[str, Any]) -> str:
     """Rates, and what part of the rate from local files each is."""
     seconds = figures["seconds"]
-    local = seconds["TensorStore zarr3, local files"]
+    local = {
+        reader: seconds[f"{name}, {LOCAL}"]
+        for reader, name in (("TensorStore", "TensorStore zarr3"), ("zarr-python", "zarr-python"))
+    }
     rows = [
         (
             name,
             f"{figures['nchunks'] / took:.0f}",
             f"{figures['nbytes'] / took / 1e6:.0f}",
-            f"{local / took:.2f}",
+            f"{local.get(name.partition(',')[0], local['TensorStore']) / took:.2f}",
         )
         for name, took in seconds.items()
     ]

@@ -124,8 +124,9 @@ def test_progressive_pictures_end_with_the_ordinary_one(server: Server) -> None:
     status, headers, body = server.get(**words, progressive="true")
     assert status == 200
     boundary = headers["content-type"].rsplit("boundary=", 1)[1].encode()
-    before, coarse, final, after = body.split(b"--" + boundary)
+    before, coarse, again, final, after = body.split(b"--" + boundary)
     assert (before, after) == (b"", b"--\r\n")
+    assert again == coarse
     assert whole in final
     assert whole not in coarse
     picture = Image.open(io.BytesIO(coarse.split(b"\r\n\r\n", 1)[1]))

@@ -57,12 +57,14 @@ async def multipart_body(parts: AsyncIterator[Part], boundary: str) -> AsyncIter
     """The body: parts as they come, and where one fails its error as the last one.
 
     The line that ends a part is sent with it, not before the next one: browsers show a part only
-    when they have seen its end.
+    when they have seen its end. Chromium waits for the headers of the next one, too, so a part that
+    is not the last is sent twice; the second time it replaces itself.
     """
     yield f"--{boundary}\r\n".encode()
     try:
         async for headers, content, last in parts:
-            yield _part(headers, content, boundary, last=last)
+            part = _part(headers, content, boundary, last=last)
+            yield part if last else part + part
     except ClientGoneError:
         raise
     except OctobrickError as error:
