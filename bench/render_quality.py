@@ -52,8 +52,10 @@ def main() -> None:
     _measure.report(options, result, table)
 
 
-def deblocking(renderer: Renderer, scene: Scene, options: Any) -> Iterator[dict[str, Any]]:
-    """One row for each code."""
+def deblocking(
+    renderer: Renderer, scene: Scene, options: Any, codes: dict[str, S3dc | Zerobit] = CODES
+) -> Iterator[dict[str, Any]]:
+    """One row for each code, and of each a file with three pictures; see `deblocking_file`."""
     exact = stored(scene, options.data, "exact", codec=None)
     camera, function = camera_of(exact, scene)
     size, window = (options.side, options.side), exact.window
@@ -65,18 +67,23 @@ def deblocking(renderer: Renderer, scene: Scene, options: Any) -> Iterator[dict[
         return image.rgba[..., :3]
 
     wanted = picture(exact, False)
-    for name, codec in CODES.items():
+    for name, codec in codes.items():
         volume = stored(scene, options.data, "coded", codec=codec)
         before, after = picture(volume, False), picture(volume, True)
         show = np.hstack([wanted, before, after])
-        file = f"deblocking-{scene.file.split('.')[0]}-{name.split()[0].lower()}.png"
-        Image.fromarray(show).save(options.pictures / file)
+        Image.fromarray(show).save(options.pictures / deblocking_file(scene, name))
         yield {
             "volume": scene.file,
             "code": name,
             "before": likeness(wanted, before) | {"seams": seams(exact, codec, False)},
             "after": likeness(wanted, after) | {"seams": seams(exact, codec, True)},
         }
+
+
+def deblocking_file(scene: Scene, code: str) -> str:
+    """Uncompressed, decoded, deblocked, side by side."""
+    name = "".join(c if c.isalnum() else "-" for c in code.lower().replace(" %", ""))
+    return f"deblocking-{scene.file.split('.')[0]}-{name}.png"
 
 
 def seams(exact: Volume, codec: S3dc | Zerobit, filtered: bool) -> float:
@@ -92,7 +99,7 @@ def seams(exact: Volume, codec: S3dc | Zerobit, filtered: bool) -> float:
 
 
 def gradients(renderer: Renderer, scene: Scene, options: Any) -> Iterator[dict[str, Any]]:
-    """One row for each of levels 1 and 2."""
+    """One row for each of levels 1 and 2, and of each a file; see `gradients_file`."""
     volume = stored(scene, options.data, "gradients", codec=None, gradients=True)
     camera, function = camera_of(volume, scene)
 
@@ -112,14 +119,18 @@ def gradients(renderer: Renderer, scene: Scene, options: Any) -> Iterator[dict[s
     for level in (1, 2):
         differences, pyramid = picture(level, "differences"), picture(level, "stored")
         show = np.hstack([wanted, differences, pyramid])
-        file = f"gradients-{scene.file.split('.')[0]}-{level}.png"
-        Image.fromarray(show).save(options.pictures / file)
+        Image.fromarray(show).save(options.pictures / gradients_file(scene, level))
         yield {
             "volume": scene.file,
             "level": level,
             "differences": likeness(wanted, differences),
             "pyramid": likeness(wanted, pyramid),
         }
+
+
+def gradients_file(scene: Scene, level: int) -> str:
+    """Level 0, the coarse level by differences, and by the pyramid, side by side."""
+    return f"gradients-{scene.file.split('.')[0]}-{level}.png"
 
 
 def table(result: dict[str, Any]) -> str:

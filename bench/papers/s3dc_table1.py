@@ -2,7 +2,7 @@
 
     script/bench papers/s3dc_table1 [--data ../shared/data] [--quick] [--json FILE]
 
-The paper's 14 settings. Ratios: bytes of a code of its 486 × 512 × 512 voxels of 16 bits, and of our
+The paper's 14 settings. Ratios: bytes of a code of 486 × 512 × 512 voxels of 16 bits, and of our
 volumes. Pictures: unshaded, beside that of the uncompressed volume with linear interpolation, by
 the nearest voxel, drawn from the codes themselves, and linear, from decoded slabs; of the first
 setting the linear picture is drawn from the codes too and is the same. PSNR with peak 255. Frame
