@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,8 @@ SCENES = (
 
 def stored(scene: Scene, data: Path, name: str, **ingesting: Any) -> Volume:
     """The scene's volume, of a folder, ingested in some way."""
-    path = _measure.OUT / "scenes" / f"{scene.file.split('.')[0]}-{name}.zarr"
+    folder = _measure.OUT / "scenes" / Path(sys.argv[0]).stem  # its own: two may run at once
+    path = folder / f"{scene.file.split('.')[0]}-{name}.zarr"
     shutil.rmtree(path, ignore_errors=True)
     path.parent.mkdir(parents=True, exist_ok=True)
     ingest(data / scene.file, path, **ingesting)

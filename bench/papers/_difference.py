@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 SMALL, MIDDLE, LARGE = 0.05, 0.10, 0.15  # parts of the peak
+COLOURS = ("blue", "green", "yellow", "red")
 
 
 def difference_picture(a_rgb: NDArray[np.uint8], b_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -40,10 +42,5 @@ def classes(a_rgb: NDArray[np.uint8], b_rgb: NDArray[np.uint8]) -> dict[str, flo
     seen = (a_rgb.any(axis=-1)) | (b_rgb.any(axis=-1))
     away = share(a_rgb, b_rgb)[seen]
     limits = (0.0, SMALL, MIDDLE, LARGE, np.inf)
-    counts = [
-        ((away >= low) & (away < high)).mean()
-        for low, high in zip(limits, limits[1:], strict=False)
-    ]
-    return dict(
-        zip(("blue", "green", "yellow", "red"), (100 * float(c) for c in counts), strict=True)
-    )
+    parts = [((away >= low) & (away < high)).mean() for low, high in pairwise(limits)]
+    return dict(zip(COLOURS, (100 * float(part) for part in parts), strict=True))

@@ -7,9 +7,9 @@ differences, the pyramid by the filter, and encoding of its levels and of level 
 seconds for three volumes of which only the size is known; its rates are the size over these.
 
 Tables 3 and 4: the native encoder has no table of any size to choose. Here a table of the inverse
-at the nodes of a grid is made by the reference's bisection and interpolated as the paper says, then the same
-search as ever; beside it the native encoder and rounding without any transform. Random directions,
-all the same ones.
+at the nodes of a grid is made by the reference's bisection and interpolated as the paper says, then
+the same search as ever; beside it the native encoder, and rounding without any transform. All with
+the same random directions.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from typing import Any
 import _measure
 import _paper
 import numpy as np
-from _difference import classes, difference_picture
+from _difference import COLOURS, classes, difference_picture
 from _scenes import SCENES, likeness
 from numpy.typing import NDArray
 from s3dc_table1 import View, coded
@@ -58,13 +58,12 @@ def run(options: Any) -> dict[str, Any]:
 
 def table(found: dict[str, Any]) -> str:
     """Likeness, and the share of pixels of each colour."""
-    colours = ("blue", "green", "yellow", "red")
     lines = [
         [name, f"{row['psnr']:.2f}", f"{100 * row['ssim']:.2f}"]
-        + [f"{row[colour]:.1f}" for colour in colours]
+        + [f"{row[colour]:.1f}" for colour in COLOURS]
         for name, row in found["rows"].items()
     ]
-    head = [f"{found['volume']}, shaded", "dB", "SSIM %", *(f"{c} %" for c in colours)]
+    head = [f"{found['volume']}, shaded", "dB", "SSIM %", *(f"{c} %" for c in COLOURS)]
     return _measure.layout(head, lines)
 
 
