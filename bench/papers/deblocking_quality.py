@@ -71,8 +71,9 @@ def draw(found: dict[str, Any], options: Any) -> None:
                 axis.plot(STRENGTHS, gains(found["summary"], code, way), marker="o", label=code)
             axis.axhline(0, color="black", linewidth=0.8)
             axis.set_xscale("symlog", linthresh=1)
+            axis.set(xticks=STRENGTHS, xticklabels=[f"{s:g}" for s in STRENGTHS], xlim=(-0.2, 90))
             axis.set(xlabel="λ", ylabel="change of PSNR, dB", title=way)
-        axes[1].legend(fontsize=7)
+        axes[1].legend(fontsize=7, ncols=2, loc="upper right")
 
 
 def gains(rows: list[dict[str, Any]], code: str, way: str) -> list[float]:
