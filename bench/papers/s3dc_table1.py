@@ -184,7 +184,8 @@ def plot_quality(axis: Any, rows: list[dict[str, Any]], key: str, scale: float) 
     axis.minorticks_off()
     title = {"psnr": "Figure 11: PSNR, dB", "ssim": "Figure 10: SSIM, %"}[key]
     axis.set(title=f"{title} (dotted: published)")
-    axis.legend(fontsize=8)
+    if key == "psnr":  # the other's colours are the same
+        axis.legend(fontsize=8)
 
 
 def table(found: dict[str, Any]) -> str:
