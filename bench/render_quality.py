@@ -11,42 +11,25 @@ pyramid. Steps of half a voxel of level 0, the volume's own window, all of what 
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import _measure
 import numpy as np
+from _scenes import SCENES, Scene, camera_of, likeness, stored
 from deblock import seam_energy
 from numpy.typing import NDArray
 from PIL import Image
 
-from octobrick.codec import S3dc, Zerobit, metrics
+from octobrick.codec import S3dc, Zerobit
 from octobrick.codec.deblock import deblocked
-from octobrick.renderer import Camera, Renderer, TransferFunction, visible_bounds
-from octobrick.store import Volume, ingest, open_volume
+from octobrick.renderer import Renderer
+from octobrick.store import Volume
 
-OUT = Path(__file__).resolve().parent / "out" / "quality"
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A real volume and how it is shown."""
-
-    file: str
-    preset: str
-    zoom: float = 1.0
+OUT = _measure.OUT / "quality"
 
 
-SCENES = (
-    Scene("ct_bonsai.nii.gz", "ct-soft-tissue"),
-    Scene("ct_vhf_head.mhd", "ct-bone"),
-    Scene("ct_cranium.nrrd", "ct-bone"),
-    Scene("mri_vs_t1c.nii.gz", "mr"),
-    Scene("sim_heptane.nii.gz", "microscopy"),
-)
 CODES: dict[str, S3dc | Zerobit] = {"S3Dc 2 bits": S3dc((8, 8, 8), 2), "zerobit 2 %": Zerobit(0.02)}
 
 
@@ -69,31 +52,11 @@ def main() -> None:
     _measure.report(options, result, table)
 
 
-def stored(scene: Scene, options: Any, name: str, **ingesting: Any) -> Volume:
-    """The scene's volume, ingested in some way."""
-    path = OUT / f"{scene.file.split('.')[0]}-{name}.zarr"
-    shutil.rmtree(path, ignore_errors=True)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    ingest(options.data / scene.file, path, **ingesting)
-    return open_volume(path)
-
-
-def camera_of(volume: Volume, scene: Scene) -> tuple[Camera, TransferFunction]:
-    function = TransferFunction.preset(scene.preset)
-    bounds = visible_bounds(volume, function)
-    return Camera.orbit(volume, 30, 20, bounds=bounds).zoomed(scene.zoom), function
-
-
-def likeness(wanted: NDArray[np.uint8], found: NDArray[np.uint8]) -> dict[str, float]:
-    return {
-        "psnr": metrics.psnr(wanted, found, peak=255),
-        "ssim": metrics.ssim(wanted.mean(axis=-1), found.mean(axis=-1), peak=255),
-    }
-
-
-def deblocking(renderer: Renderer, scene: Scene, options: Any) -> Iterator[dict[str, Any]]:
-    """One row for each code."""
-    exact = stored(scene, options, "exact", codec=None)
+def deblocking(
+    renderer: Renderer, scene: Scene, options: Any, codes: dict[str, S3dc | Zerobit] = CODES
+) -> Iterator[dict[str, Any]]:
+    """One row for each code, and of each a file with three pictures; see `deblocking_file`."""
+    exact = stored(scene, options.data, "exact", codec=None)
     camera, function = camera_of(exact, scene)
     size, window = (options.side, options.side), exact.window
 
@@ -104,18 +67,23 @@ def deblocking(renderer: Renderer, scene: Scene, options: Any) -> Iterator[dict[
         return image.rgba[..., :3]
 
     wanted = picture(exact, False)
-    for name, codec in CODES.items():
-        volume = stored(scene, options, "coded", codec=codec)
+    for name, codec in codes.items():
+        volume = stored(scene, options.data, "coded", codec=codec)
         before, after = picture(volume, False), picture(volume, True)
         show = np.hstack([wanted, before, after])
-        file = f"deblocking-{scene.file.split('.')[0]}-{name.split()[0].lower()}.png"
-        Image.fromarray(show).save(options.pictures / file)
+        Image.fromarray(show).save(options.pictures / deblocking_file(scene, name))
         yield {
             "volume": scene.file,
             "code": name,
             "before": likeness(wanted, before) | {"seams": seams(exact, codec, False)},
             "after": likeness(wanted, after) | {"seams": seams(exact, codec, True)},
         }
+
+
+def deblocking_file(scene: Scene, code: str) -> str:
+    """Uncompressed, decoded, deblocked, side by side."""
+    name = "".join(c if c.isalnum() else "-" for c in code.lower().replace(" %", ""))
+    return f"deblocking-{scene.file.split('.')[0]}-{name}.png"
 
 
 def seams(exact: Volume, codec: S3dc | Zerobit, filtered: bool) -> float:
@@ -131,8 +99,8 @@ def seams(exact: Volume, codec: S3dc | Zerobit, filtered: bool) -> float:
 
 
 def gradients(renderer: Renderer, scene: Scene, options: Any) -> Iterator[dict[str, Any]]:
-    """One row for each of levels 1 and 2."""
-    volume = stored(scene, options, "gradients", codec=None, gradients=True)
+    """One row for each of levels 1 and 2, and of each a file; see `gradients_file`."""
+    volume = stored(scene, options.data, "gradients", codec=None, gradients=True)
     camera, function = camera_of(volume, scene)
 
     def picture(level: int, source: str) -> NDArray[np.uint8]:
@@ -151,14 +119,18 @@ def gradients(renderer: Renderer, scene: Scene, options: Any) -> Iterator[dict[s
     for level in (1, 2):
         differences, pyramid = picture(level, "differences"), picture(level, "stored")
         show = np.hstack([wanted, differences, pyramid])
-        file = f"gradients-{scene.file.split('.')[0]}-{level}.png"
-        Image.fromarray(show).save(options.pictures / file)
+        Image.fromarray(show).save(options.pictures / gradients_file(scene, level))
         yield {
             "volume": scene.file,
             "level": level,
             "differences": likeness(wanted, differences),
             "pyramid": likeness(wanted, pyramid),
         }
+
+
+def gradients_file(scene: Scene, level: int) -> str:
+    """Level 0, the coarse level by differences, and by the pyramid, side by side."""
+    return f"gradients-{scene.file.split('.')[0]}-{level}.png"
 
 
 def table(result: dict[str, Any]) -> str:

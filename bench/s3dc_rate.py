@@ -23,6 +23,7 @@ import _measure
 import _zfp
 import numpy as np
 import zstandard
+from _s3dc_published import TABLE_1
 from numpy.typing import NDArray
 from volumes import volumes
 
@@ -32,11 +33,6 @@ from octobrick.codec.errors import InvalidInputError
 SMALL, LARGE = (4, 4, 4), (8, 8, 8)
 BITS = (1, 2, 3, 4)
 PARENT_BITS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
-PAPER_PSNR = {  # Table 1 of the paper, dB, by bits and edge: of pictures, with linear interpolation
-    2: (40.9, 34.23, 30.27, 28.30, 27.49, 27.31, 27.33),
-    4: (46.19, 44.08, 41.04, 38.77, 37.32, 36.67, 36.35),
-}
-EDGES = (2, 4, 8, 16, 32, 64, 128)
 WHOLE = ("ct_cranium", "mri_vs", "fluor")  # 16 bits, as the paper's
 
 
@@ -128,21 +124,20 @@ def table_1(data: Path) -> Iterator[dict[str, Any]]:
     for name, voxels in volumes(data, 10**9):
         if not name.startswith(WHOLE):
             continue
-        for bits in (2, 4):
-            for edge, paper in zip(EDGES, PAPER_PSNR[bits], strict=True):
-                codec = S3dc((edge,) * 3, bits)
-                code = codec.encode(voxels)
-                decoded = codec.decode(code, voxels.shape, voxels.dtype)
-                sample_bits = 8 * voxels.itemsize
-                yield {
-                    "volume": name,
-                    "bits": bits,
-                    "edge": edge,
-                    "ratio": voxels.nbytes / len(code),
-                    "paper_picture_psnr_db": paper,
-                    "equation_5": 1 / (bits / sample_bits + 2 / edge**3),
-                    **measured(voxels, decoded, code),
-                }
+        for published in TABLE_1:
+            bits, edge = published.bits, published.edge
+            codec = S3dc((edge,) * 3, bits)
+            code = codec.encode(voxels)
+            decoded = codec.decode(code, voxels.shape, voxels.dtype)
+            yield {
+                "volume": name,
+                "bits": bits,
+                "edge": edge,
+                "ratio": voxels.nbytes / len(code),
+                "paper_picture_psnr_db": published.linear_psnr_db,
+                "equation_5": 1 / (bits / (8 * voxels.itemsize) + 2 / edge**3),
+                **measured(voxels, decoded, code),
+            }
 
 
 def in_time(data: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Lists the benchmarks of a folder: each script's name and the first line of its docstring."""
+"""Lists the benchmarks of a folder and of those in it: name, and first line of the docstring."""
 
 from __future__ import annotations
 
@@ -15,10 +15,15 @@ def first_line(script: Path) -> str:
 
 def main(folder: Path) -> None:
     """Print one line for each script; modules that begin with ``_`` are shared, not run."""
-    scripts = [path for path in sorted(folder.glob("*.py")) if not path.name.startswith("_")]
-    width = max((len(path.stem) for path in scripts), default=0)
-    for path in scripts:
-        print(f"{path.stem:{width}}  {first_line(path)}")
+    found = sorted(folder.glob("*.py")) + sorted(folder.glob("*/*.py"))
+    scripts = {
+        path.relative_to(folder).with_suffix("").as_posix(): path
+        for path in found
+        if not path.name.startswith("_")
+    }
+    width = max(map(len, scripts), default=0)
+    for name, path in scripts.items():
+        print(f"{name:{width}}  {first_line(path)}")
 
 
 if __name__ == "__main__":
