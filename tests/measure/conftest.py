@@ -44,6 +44,7 @@ class StandInPictures:
     rows: tuple[PictureRow, ...] = ()
     images: dict[str, bytes] = field(default_factory=dict)
     skipped: tuple[str, ...] = ("pictures: one",)
+    gl_renderer: str = "stand-in"
 
     def __call__(
         self,

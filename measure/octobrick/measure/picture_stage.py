@@ -40,6 +40,10 @@ class Drawn(Protocol):
     def skipped(self) -> tuple[str, ...]:
         """What was left out, for people."""
 
+    @property
+    def gl_renderer(self) -> str:
+        """The driver's name of the device that drew."""
+
 
 PictureSweep = Callable[..., Drawn]
 """Of the arguments of `swept_pictures`."""

@@ -265,6 +265,7 @@ class _Run:
             source=found.source | {"drawn": part},
             pictures=drawn.rows if drawn else (),
             images=drawn.images if drawn else {},
+            machine=found.machine | ({"gl_renderer": drawn.gl_renderer} if drawn else {}),
             skipped=(*found.skipped, *notes),
         )
 

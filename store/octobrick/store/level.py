@@ -20,8 +20,8 @@ class Level:
         grid_zyx: bricks along each axis.
         spacing_xyz: world size of a voxel.
         origin_xyz: world position of the centre of voxel (0, 0, 0).
-        nbytes: size of the voxels, uncompressed.
-        stored_nbytes: size on disk.
+        nbytes: size of the voxels of all time steps and channels, uncompressed.
+        stored_nbytes: their size on disk.
         max_error: the largest difference between a decoded voxel and that level's voxel.
         rmse: the root of the mean squared difference.
         psnr_db: peak is the level's largest minus its smallest voxel; None where nothing is lost.

@@ -306,7 +306,7 @@ class Volume(ABC):
             grid_zyx=grid_of(stored.shape_zyx, self.brick_shape_zyx),
             spacing_xyz=spacing_xyz,
             origin_xyz=(x * (factor - 1) / 2, y * (factor - 1) / 2, z * (factor - 1) / 2),
-            nbytes=nz * ny * nx * self.dtype.itemsize,
+            nbytes=nz * ny * nx * self.dtype.itemsize * self.nt * self.nc,
             stored_nbytes=stored.stored_nbytes,
             max_error=stored.max_error,
             rmse=stored.rmse,
