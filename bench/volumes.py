@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from octobrick.codec.arrays import SAMPLE_DTYPES
 from octobrick.codec.errors import OctobrickError
 from octobrick.store.box import Box
-from octobrick.store.sources import open_source
+from octobrick.store.sources import Source, open_source
 
 READABLE = (".gz", ".mhd", ".nii", ".npy", ".nrrd", ".tif")
 
@@ -28,11 +28,12 @@ def volumes(folder: Path, crop: int) -> Iterator[tuple[str, NDArray[Any]]]:
         if path.suffix not in READABLE:
             continue
         try:
-            voxels = tiff_crop(path, crop) if path.suffix == ".tif" else source_crop(path, crop)
+            with open_source(path) as source:
+                voxels = _crop(source, crop) if source.nc == 1 else None
         except OctobrickError as error:
             print(f"# skipped {path.name}: {error.kind}")
             continue
-        if voxels.ndim == 3 and voxels.dtype in SAMPLE_DTYPES and np.ptp(voxels) > 0:
+        if voxels is not None and voxels.dtype in SAMPLE_DTYPES and np.ptp(voxels) > 0:
             yield path.name, voxels
 
 
@@ -43,17 +44,11 @@ def central(shape: tuple[int, ...], crop: int) -> tuple[slice, ...]:
 
 
 def source_crop(path: Path, crop: int) -> NDArray[Any]:
-    """The crop of anything that octobrick reads."""
+    """The crop of anything that octobrick reads; of colours the first."""
     with open_source(path) as source:
-        z, y, x = central(source.shape_zyx, crop)
-        return source.read(Box((z.start, y.start, x.start), (z.stop, y.stop, x.stop)))
+        return _crop(source, crop)
 
 
-def tiff_crop(path: Path, crop: int) -> NDArray[Any]:
-    """The crop of a stack of pages, which octobrick does not read yet."""
-    from PIL import Image, ImageSequence
-
-    with Image.open(path) as image:
-        pages = np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
-    native = pages.astype(pages.dtype.newbyteorder("="))
-    return np.ascontiguousarray(native[central(native.shape, crop)]) if native.ndim == 3 else native
+def _crop(source: Source, crop: int) -> NDArray[Any]:
+    z, y, x = central(source.shape_zyx, crop)
+    return source.read(Box((z.start, y.start, x.start), (z.stop, y.stop, x.stop)))
