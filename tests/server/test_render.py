@@ -71,6 +71,7 @@ def test_defaults_are_those_of_the_command_line(client: Any, renderer: Any, data
         "c": 0,
         "rgb": False,
         "depth": False,
+        "direct": None,
     }
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from octobrick.server.cli.source_options import open_given, source_options
+from octobrick.server.cli.source_options import camera_options, open_given, source_options
 from octobrick.server.cli.text import (
     format_nbytes,
     format_psnr,
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("path")
 @source_options
+@camera_options
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def info(path: str, as_json: bool, **options: Any) -> None:
     """Tell what is in PATH: a volume, or a file, folder, pattern or address of either."""

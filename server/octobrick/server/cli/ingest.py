@@ -11,7 +11,12 @@ import click
 
 from octobrick.server.cli.codec_options import codec_options, take_codec
 from octobrick.server.cli.failure import EXIT_INTERRUPTED
-from octobrick.server.cli.source_options import open_given, source_options, take_cameras
+from octobrick.server.cli.source_options import (
+    camera_options,
+    open_given,
+    source_options,
+    take_cameras,
+)
 from octobrick.server.cli.stoppable import cancellable
 from octobrick.server.cli.surface_options import surface_options
 from octobrick.server.cli.text import (
@@ -70,6 +75,7 @@ if TYPE_CHECKING:
     help="Store only these voxels; an end may be left out.",
 )
 @source_options
+@camera_options
 @surface_options("Store only what this mesh (.ply, .obj) touches, whose solid texture it is.")
 @click.option(
     "--replace-nonfinite", type=float, metavar="VALUE", help="What stands for NaN and infinities."

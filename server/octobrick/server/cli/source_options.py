@@ -41,6 +41,9 @@ _OPTIONS = (
         help="Bytes before a raw file's voxels.",
     ),
     click.option("--big-endian", is_flag=True, help="Byte order of a raw file."),
+)
+
+_CAMERA_OPTIONS = (
     click.option(
         "--light-field",
         is_flag=True,
@@ -57,8 +60,15 @@ _OPTIONS = (
 
 
 def source_options(command: _Command) -> _Command:
-    """Give a command the options that `open_given` takes."""
+    """Give a command the options that say how a source is read."""
     for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+def camera_options(command: _Command) -> _Command:
+    """Give a command, besides `source_options`, those that make pictures a light field."""
+    for option in reversed(_CAMERA_OPTIONS):
         command = option(command)
     return command
 
@@ -68,7 +78,7 @@ def open_given(source: str, given: dict[str, Any]) -> Source:
 
     Args:
         source: file, folder or pattern.
-        given: the values of `source_options`, among others.
+        given: the values of `source_options` and `camera_options`, among others.
     """
     from octobrick.store.sources import open_source
 

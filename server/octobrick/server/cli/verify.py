@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from octobrick.server.cli.failure import EXIT_FAILED
-from octobrick.server.cli.source_options import open_given, source_options
+from octobrick.server.cli.source_options import camera_options, open_given, source_options
 from octobrick.server.cli.text import format_nbytes, format_seconds
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ _ROWS_MAX = 50  # of problems on a terminal; --json has them all
 @click.option("--source", metavar="SOURCE", help="Compare every brick with this source, too.")
 @click.option("--repair", metavar="SOURCE", help="Write damaged shards anew from this source.")
 @source_options
+@camera_options
 @click.option(
     "--replace-nonfinite", type=float, metavar="VALUE", help="What stood for NaN and infinities."
 )
