@@ -37,7 +37,7 @@ class _Blosc2:
     """An array in chunks that Blosc2 chooses, on one thread."""
 
     def __init__(self, codec: str, filters: list[str], meta: list[int], voxels: Voxels) -> None:
-        import blosc2  # type: ignore[import-untyped]
+        import blosc2
 
         self._voxels = voxels
         self._parameters = {
