@@ -159,9 +159,11 @@ def _front(axes: Axes, measurement: Measurement, rows: Sequence[CodeRow]) -> Non
 def _recommended(
     axes: Axes, measurement: Measurement, rows: Sequence[CodeRow], x: str, y: str
 ) -> None:
-    """A name beside each setting that is recommended."""
-    by_label = {row.setting.label: row for row in rows}
-    chosen = [by_label[name] for name in recommended_labels(measurement) if name in by_label]
+    """Beside each setting that is recommended, the targets that it is recommended for."""
+    targets: dict[str, list[str]] = {}
+    for one in measurement.recommendations:
+        targets.setdefault(one.setting.label, []).append(one.target)
+    chosen = [row for row in rows if row.setting.label in targets]
     for place, row in enumerate(sorted(chosen, key=lambda row: float(getattr(row, x)))):
         at = getattr(row, x), getattr(row, y)
         axes.plot(*at, "o", ms=_RING_POINTS, mfc="none", mec=INK, mew=2, zorder=5)
@@ -170,7 +172,7 @@ def _recommended(
         # Neighbours have their names one above the other.
         offset = (-9, 7 + 11 * place) if left else (9, -12 - 11 * place)
         name = axes.annotate(
-            plain(row.setting.label), at, xytext=offset, textcoords="offset points",
+            plain(", ".join(targets[row.setting.label])), at, xytext=offset, textcoords="offset points",
             ha="right" if left else "left", color=INK, fontsize=8.5, fontweight="bold", zorder=6,
         )  # fmt: skip
         name.set_in_layout(False)
