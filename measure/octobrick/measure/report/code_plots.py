@@ -172,7 +172,8 @@ def _recommended(
         # Neighbours have their names one above the other.
         offset = (-9, 7 + 11 * place) if left else (9, -12 - 11 * place)
         name = axes.annotate(
-            plain(", ".join(targets[row.setting.label])), at, xytext=offset, textcoords="offset points",
+            plain(", ".join(targets[row.setting.label])),
+            at, xytext=offset, textcoords="offset points",
             ha="right" if left else "left", color=INK, fontsize=8.5, fontweight="bold", zorder=6,
         )  # fmt: skip
         name.set_in_layout(False)
