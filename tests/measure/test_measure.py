@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from octobrick.codec import S3dc
 from octobrick.codec.errors import InvalidInputError, NotFiniteError, ResourceError
-from octobrick.measure import Measurement, MeasureProgress, measure
+from octobrick.measure import Measurement, MeasureProgress, extremes, measure
 from octobrick.measure.picture_stage import Drawn
 from octobrick.server.cli import main
 from octobrick.store import ingest, open_volume
@@ -205,3 +205,18 @@ def test_the_command_refuses_what_it_cannot_do_at_once(arguments: list[str]) -> 
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 2
     assert "octobrick: error [invalid-input]" in result.stderr
+
+
+def test_the_command_tells_where_a_promise_broke(monkeypatch: pytest.MonkeyPatch) -> None:
+    row = extremes.StressRow(
+        system="scales", implementation="C++", parameter="load, kg", promise="the needle moves",
+        tolerance=1.0, tested=(1.0, 64.0), held=(1.0, 8.0), worst=0.5, worst_at=4.0,
+        first_failure="at 16: stuck", ntried=7,
+    )  # fmt: skip
+    monkeypatch.setattr(extremes, "stress", lambda seed: (row,))
+    text = CliRunner().invoke(main, ["measure", "--extremes"]).stdout
+    assert "scales (C++): the needle moves" in text
+    assert "load, kg  1 … 8  0.5 at 4  of 1" in text
+    assert "broken at 16: stuck" in text
+    told = json.loads(CliRunner().invoke(main, ["measure", "--extremes", "--json"]).stdout)
+    assert told == extremes.to_dict((row,), 0)

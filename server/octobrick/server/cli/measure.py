@@ -162,11 +162,10 @@ def _stress(seed: int, *, as_json: bool, quiet: bool, source: str | None) -> Non
     """
     if source is not None:
         raise click.UsageError("--extremes measures octobrick itself; give no SOURCE with it.")
-    import importlib
+    from octobrick.measure import extremes
 
-    extremes = importlib.import_module("octobrick.measure.extremes")
     rows = extremes.stress(seed=seed)
     if as_json:
-        click.echo(json.dumps([row.to_dict() for row in rows], allow_nan=False))
+        click.echo(json.dumps(extremes.to_dict(rows, seed), allow_nan=False))
     elif not quiet:
-        print_stress([row.to_dict() for row in rows])
+        print_stress(rows)

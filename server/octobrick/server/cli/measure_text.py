@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +12,7 @@ from octobrick.server.cli.text import format_psnr, format_seconds, format_shape,
 
 if TYPE_CHECKING:
     from octobrick.measure import CodeRow, Measurement, PictureRow
+    from octobrick.measure.extremes import StressRow
 
 _PICTURES_MAX = 12  # rows, the best; the report has all
 
@@ -45,14 +47,26 @@ def print_measurement(found: Measurement) -> None:
     click.echo(f"measured in {format_seconds(found.elapsed_seconds)}")
 
 
-def print_stress(rows: Sequence[dict[str, Any]]) -> None:
-    """How far each system keeps its promise: the fields of its rows as columns."""
-    if rows:
-        columns = tuple(rows[0])
-        print_table(
-            [column.replace("_", " ") for column in columns],
-            [tuple(str(row[column]) for column in columns) for row in rows],
-        )
+def print_stress(rows: Sequence[StressRow]) -> None:
+    """How far each system keeps its promises: a line for each parameter, a failure below it."""
+    from octobrick.measure.extremes import table_rows
+
+    cells = list(zip(rows, table_rows(rows), strict=True))
+    widths = [max((len(line[column]) for _, line in cells), default=0) for column in (1, 2, 4)]
+    for (system, promise), group in itertools.groupby(
+        cells, key=lambda cell: (cell[1][0], cell[0].promise)
+    ):
+        click.echo(f"{system}: {promise}")
+        for _, (_, parameter, held, _, worst, tolerance, failure) in group:
+            texts = zip((parameter, held, worst), widths, strict=True)
+            line = "  ".join(text.ljust(width) for text, width in texts)
+            click.echo(f"  {line}  of {tolerance}" if tolerance else f"  {line}".rstrip())
+            if failure:
+                click.echo(f"      broken {failure}")
+    click.echo(
+        "Each line: what was varied, from where to where the promise held, the worst value with "
+        "its place, of what is allowed."
+    )
 
 
 def _print_source(found: Measurement) -> None:
