@@ -28,7 +28,11 @@ def test_under_load_and_faults_no_byte_is_wrong_and_each_fault_is_told_by_its_ki
     figures = json.loads((tmp_path / "soak.json").read_text())
     assert figures["verified_bricks"] > 0
     assert not figures["wrong"]
-    assert figures["faults"]["shard cut short"]["kinds"] == ["corrupt-brick"]
+    # A server that knows the shard's index meets a brick that is cut off; one that does not, a
+    # shard without its index.
+    kinds = set(figures["faults"]["shard cut short"]["kinds"])
+    assert kinds
+    assert kinds <= {"corrupt-brick", "corrupt-volume"}
     assert "revision-gone" in figures["faults"]["volume replaced"]["kinds"]
     assert figures["faults"]["client's cache full"]["injected"] == 1
     compared = {"client", "precomputed, chunk", "zarr, chunk", "zarr2, chunk", "gradients"}
