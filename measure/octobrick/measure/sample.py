@@ -3,7 +3,7 @@
 A volume that is mostly air has mostly bricks that every code keeps nearly for nothing. Were bricks
 chosen evenly, few would tell what the code does to the rest, and figures would depend on chance.
 So bricks are put into strata by how far their values reach and how evenly they are spread, each
-stratum gives as many bricks as any other, and each brick counts for as many voxels as its stratum
+stratum gives as many bricks as any other, evenly over their entropies, and each brick counts for as many voxels as its stratum
 has for each that was chosen. Weighted figures so stand for the whole, air included.
 """
 
@@ -101,7 +101,9 @@ class Sample:
         seen_nvoxels = sum(brick.nvoxels for brick in scan.bricks)
         strata, weights = [], {}
         for (name, bricks), count in zip(classes.items(), counts, strict=True):
-            chosen = [bricks[i] for i in sorted(chance.permutation(len(bricks))[:count])]
+            # Evenly over the stratum, whose bricks are in the order of their entropy.
+            places = (np.arange(count) + chance.random()) * (len(bricks) / count)
+            chosen = [bricks[i] for i in places.astype(int)]
             own = sum(brick.nvoxels for brick in bricks)
             weight = own / sum(brick.nvoxels for brick in chosen) * scan.nvoxels / seen_nvoxels
             weights.update({brick.key: weight for brick in chosen})
