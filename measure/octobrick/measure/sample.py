@@ -2,9 +2,10 @@
 
 A volume that is mostly air has mostly bricks that every code keeps nearly for nothing. Were bricks
 chosen evenly, few would tell what the code does to the rest, and figures would depend on chance.
-So bricks are put into strata by how far their values reach and how evenly they are spread, each
-stratum gives as many bricks as any other, evenly over their entropies, and each brick counts for as many voxels as its stratum
-has for each that was chosen. Weighted figures so stand for the whole, air included.
+So bricks are put into strata by how far their values reach and how evenly they are spread; each
+stratum gives as many bricks as any other, evenly over their entropies; and each brick counts for as
+many voxels as its stratum has for each that was chosen. Weighted figures so stand for the whole,
+air included.
 """
 
 from __future__ import annotations
