@@ -216,7 +216,8 @@ def test_voxels_planes_and_cells_are_the_same_at_any_ratio(
 @pytest.mark.parametrize("dtype", ["uint8", "float32"])
 @holds("zerobit", "threads-and-instructions", "cpp")
 def test_threads_change_no_bit(implementation: str, noise: Any, dtype: str) -> None:
-    """Instructions have no switch here: tests/codec/test_cpp_door.py runs each set of them."""
+    """Instructions have no switch here; the golden vectors of tests/codec/test_cpp_door.py run
+    by each set of them."""
     array = noise((20, 33, 35), dtype)
     codec = Zerobit(0.1)
     code = codec.encode(array, threads=1)
