@@ -24,7 +24,9 @@ from octobrick.measure.measurement import (
     Setting,
 )
 from octobrick.measure.pictures.difference_picture import difference_png
+from octobrick.measure.pictures.paths import DEBLOCKED, DIRECT, LEVELS, SLAB, coarser_paths
 from octobrick.measure.report import REPORT_NBYTES_MAX, report_html
+from octobrick.measure.report.theme import styles_of
 
 EVIL = "<script>alert(1)</script><img src=x onerror=alert(2)>$x_{1}$"
 
@@ -248,3 +250,14 @@ def test_a_measurement_of_nothing_but_one_exact_code_is_a_page_too() -> None:
 def test_what_cannot_be_told_is_a_dash() -> None:
     rows = (dataclasses.replace(code_row(2), ssim=float("nan")), code_row(None))
     assert "–" in Page(report_html(measurement(codes=rows))).words
+
+
+def test_every_way_to_draw_has_a_mark_of_its_own() -> None:
+    paths = (SLAB, DEBLOCKED, *DIRECT, *coarser_paths(LEVELS))
+    marks = [style.marker for style in styles_of(path.name for path in paths).values()]
+    assert len(set(marks)) == len(paths)
+
+
+def test_a_colour_that_returns_has_another_mark() -> None:
+    styles = list(styles_of(map(str, range(24))).values())
+    assert len({(style.color, style.marker) for style in styles}) == len(styles)

@@ -33,6 +33,8 @@ _MARKS: Final = {
     "^": '<path d="M8 3 13 12.5H3z"/>',
     "D": '<path d="M8 2.5 13.5 8 8 13.5 2.5 8z"/>',
     "v": '<path d="M8 13 3 3.5h10z"/>',
+    "<": '<path d="M3 8 12.5 3v10z"/>',
+    ">": '<path d="M13 8 3.500 3v10z"/>',
     "P": '<path d="M6 3h4v3h3v4h-3v3H6v-3H3V6h3z"/>',
     "X": '<path d="M3 5.5 5.5 3 8 5.5 10.500 3 13 5.500 10.500 8 13 10.500 10.500 13 8 10.500'
     ' 5.500 13 3 10.500 5.500 8z"/>',
@@ -68,7 +70,8 @@ class Style:
 def styles_of(names: Iterable[str]) -> dict[str, Style]:
     """A style for each name, in the order in which they first come.
 
-    There are eight colours and seven marks, so that a colour that returns has another mark.
+    There are eight colours and nine marks, so that a colour that returns has another mark, and each
+    way to draw has a mark of its own.
     """
     marks = tuple(_MARKS)
     return {
