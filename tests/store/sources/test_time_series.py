@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from octobrick.store.errors import (
     UnsupportedSourceError,
 )
 from octobrick.store.sources import open_source
+from octobrick.store.sources.base import Source
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 
@@ -169,11 +171,34 @@ def test_threads_read_steps_of_their_own(tmp_path):
     with open_source(write_nrrd(tmp_path, voxels)) as source:
         orders = [list(range(12)) * 3, list(reversed(range(12))) * 3, [5] * 36]
         threads = [threading.Thread(target=read, args=(source, order)) for order in orders]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(1e-6)  # a hundred times as many ways to meet
+        try:
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+        finally:
+            sys.setswitchinterval(interval)
     assert wrong == []
+
+
+def test_steps_are_read_while_one_that_was_idle_is_in_use(tmp_path, monkeypatch):
+    voxels = steps(7, 3, 6, 7)
+    box = Box.of_shape((3, 6, 7))
+    with open_source(write_npy(tmp_path, voxels)) as source:
+        source.read(box, 0)
+        read, meanwhile = Source.read, list(range(1, 7))
+
+        def read_and_be_overtaken(step, box, t=0, c=0):
+            while meanwhile and step is not source:
+                other = meanwhile.pop()
+                np.testing.assert_array_equal(read(source, box, other), voxels[other])
+            return read(step, box, t, c)
+
+        monkeypatch.setattr(Source, "read", read_and_be_overtaken)
+        np.testing.assert_array_equal(source.read(box, 0), voxels[0])
+        assert meanwhile == []
 
 
 @pytest.mark.shared

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -54,8 +53,9 @@ class TimeSeriesSource(Source):
         super().__init__(path, description)
         self._steps = tuple(files)
         self._open_file = open_file
-        # Open and not in use; a step in use by a thread is in nobody else's hands.
-        self._idle: OrderedDict[int, list[Source]] = OrderedDict()
+        # Steps that are open and not in use, with their t, the one idle for longest first. A step
+        # in use by a thread is in nobody else's hands.
+        self._idle: list[tuple[int, Source]] = []
         self._lock = threading.Lock()
         self._files: tuple[Path, ...] | None = None
 
@@ -92,8 +92,8 @@ class TimeSeriesSource(Source):
     def _step(self, t: int) -> Iterator[Source]:
         """A step, open, for one thread; it is kept open until others have been used since."""
         with self._lock:
-            idle = self._idle.get(t)
-            step = idle.pop() if idle else None
+            at = next((at for at, (idle, _) in enumerate(self._idle) if idle == t), None)
+            step = None if at is None else self._idle.pop(at)[1]
         if step is None:
             step = self._open_file(self._steps[t])
             try:
@@ -105,21 +105,11 @@ class TimeSeriesSource(Source):
             yield step
         finally:
             with self._lock:
-                self._idle.setdefault(t, []).append(step)
-                self._idle.move_to_end(t)
-                surplus = self._surplus()
-            for other in surplus:
+                self._idle.append((t, step))
+                surplus = self._idle[:-_OPEN_STEPS]
+                del self._idle[:-_OPEN_STEPS]
+            for _, other in surplus:
                 other.close()
-
-    def _surplus(self) -> list[Source]:
-        """Take out the steps that have been idle for longest, down to those that may stay open."""
-        surplus: list[Source] = []
-        while sum(map(len, self._idle.values())) > _OPEN_STEPS:
-            t, idle = next(iter(self._idle.items()))
-            surplus.append(idle.pop(0))
-            if not idle:
-                del self._idle[t]
-        return surplus
 
     def _require_unchanged(self, step: Source) -> None:
         if (step.shape_zyx, step.dtype, step.nc) != (self.shape_zyx, self.dtype, self.nc):
@@ -130,9 +120,8 @@ class TimeSeriesSource(Source):
             )
 
     def _close(self) -> None:
-        for idle in self._idle.values():
-            for step in idle:
-                step.close()
+        for _, step in self._idle:
+            step.close()
         self._idle.clear()
 
 
