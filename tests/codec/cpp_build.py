@@ -9,6 +9,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 # Those of .venv: a machine need not have its own.
 TOOLS = Path(sys.executable).parent
+# Minutes of processor time, which others may be using; only a compiler that hangs takes so long.
+BUILD_SECONDS = 3600
 CONFIGURE = (TOOLS / "cmake", "-G", "Ninja", f"-DCMAKE_MAKE_PROGRAM={TOOLS / 'ninja'}")
 
 
@@ -26,7 +28,7 @@ def run(*command: str | Path, seconds: float = 600) -> str:
 def configure_and_build(source: Path, build: Path, *options: str) -> None:
     """Compiles what has changed since the last time."""
     run(*CONFIGURE, "-S", source, "-B", build, *options)
-    run(TOOLS / "cmake", "--build", build)
+    run(TOOLS / "cmake", "--build", build, seconds=BUILD_SECONDS)
 
 
 def build_library(name: str, *options: str) -> Path:
