@@ -20,7 +20,8 @@ from fastapi import FastAPI
 from octobrick.codec import S3dc
 from octobrick.renderer import Fidelity, RenderedImage, RenderStats
 from octobrick.server import Settings, create_app
-from octobrick.store import ingest
+from octobrick.server.services import Services
+from octobrick.store import LocalVolume, ingest, open_volume
 
 WAIT_SECONDS = 10  # only a failing test waits as long
 
@@ -218,3 +219,20 @@ def error_of() -> Callable[[Any], dict[str, Any]]:
         return error
 
     return read
+
+
+@pytest.fixture
+def base(revision: str) -> str:
+    """What the addresses of bricks of the volume `head` begin with."""
+    return f"/v1/volumes/head/{revision}"
+
+
+@pytest.fixture
+def services(app: FastAPI, client: Any) -> Services:
+    services: Services = app.state.services
+    return services
+
+
+@pytest.fixture
+def head(data_dir: Path) -> LocalVolume:
+    return open_volume(data_dir / "head.zarr")

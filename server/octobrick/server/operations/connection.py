@@ -48,6 +48,15 @@ class Connection(HttpToolsProtocol):
         self._head_nbytes = 0
         self._asking_since: float | None = None  # None while nothing is expected of the client
 
+    @property
+    def is_between_requests(self) -> bool:
+        """Whether all that came was whole requests, at least one, and all of them are answered."""
+        return (
+            self._asking_since is None
+            and self.cycle.response_complete
+            and not self.transport.is_closing()
+        )
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take a connection in, or not."""
         super().connection_made(transport)

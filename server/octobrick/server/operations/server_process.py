@@ -16,7 +16,8 @@ import uvicorn
 
 from octobrick.server.app import create_app
 from octobrick.server.bricks.direct_admission import DirectAdmission
-from octobrick.server.bricks.direct_lane import DirectLane, direct_protocol
+from octobrick.server.bricks.direct_connection import DirectConnection
+from octobrick.server.bricks.direct_lane import DirectLane
 from octobrick.server.operations.connection import Connection
 from octobrick.server.operations.log_format import log_config
 from octobrick.server.operations.metrics_folder import WRITE_SECONDS, MetricsFolder
@@ -125,7 +126,7 @@ def _config(app: object, services: Services) -> uvicorn.Config:
         access_log=False,  # ours has more to say, and a say in what it leaves out
         backlog=2048,
         forwarded_allow_ips=proxies,
-        http=functools.partial(direct_protocol(lane, Connection), settings),  # type: ignore[arg-type]
+        http=functools.partial(DirectConnection, lane, settings),  # type: ignore[arg-type]
         lifespan="on",
         log_config=log_config(settings.log_level, settings.log_format),
         loop="uvloop",
