@@ -13,7 +13,7 @@ from fastapi import FastAPI
 
 from octobrick.codec import S3dc
 from octobrick.server.bricks import brick_stream
-from octobrick.store import ingest, open_volume
+from octobrick.store import LocalVolume, ingest, open_volume
 from octobrick.store.brick_stream import BrickStreamReader, Kind, Record, Status
 
 EVERY = [[0, 0, 0, z, y, x] for z in range(3) for y in range(3) for x in range(4)]
@@ -169,24 +169,87 @@ def one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def reads(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The indexes of the bricks that streams have read."""
-    found: list[int] = []
-    read = brick_stream.BrickStream._brick
+def reads(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
+    """How, and which along x, bricks were read."""
+    found: list[tuple[str, int]] = []
+    for name in ("stored_brick", "stored_brick_now"):
+        read = getattr(LocalVolume, name)
 
-    def counted(self: brick_stream.BrickStream, index: int) -> Any:
-        found.append(index)
-        return read(self, index)
+        def counted(
+            volume: LocalVolume, level: int, zyx: Any, *at: int, name: str = name, read: Any = read
+        ) -> Any:
+            stored = read(volume, level, zyx, *at)
+            found.append((name, zyx[2]))
+            return stored
 
-    monkeypatch.setattr(brick_stream.BrickStream, "_brick", counted)
+        monkeypatch.setattr(LocalVolume, name, counted)
     return found
+
+
+@pytest.fixture(params=["disk", "memory"])
+def bricks_in(request: pytest.FixtureRequest, client: Any, revision: str) -> str:
+    """Where the system has the bricks."""
+    where: str = request.param
+    if where == "memory":
+        records(post(client, revision, EVERY), len(EVERY))
+    return where
+
+
+def test_bricks_in_memory_are_read_in_the_event_loop_and_others_in_threads(
+    client: Any, revision: str, bricks_in: str, reads: list[tuple[str, int]]
+) -> None:
+    reads.clear()
+    records(post(client, revision, EVERY), len(EVERY))
+    assert len(reads) == len(EVERY)
+    by = "stored_brick" if bricks_in == "disk" else "stored_brick_now"
+    assert {name for name, _ in reads} == {by}
+
+
+@pytest.mark.parametrize("missing", [{0}, {1}, {3}, {0, 2}, set(range(4))])
+def test_a_brick_that_left_the_memory_changes_no_byte(
+    client: Any, revision: str, monkeypatch: pytest.MonkeyPatch, missing: set[int]
+) -> None:
+    expected = records(post(client, revision, EVERY), len(EVERY))
+    read = LocalVolume.stored_brick_now
+
+    def sometimes(volume: LocalVolume, level: int, zyx: Any, *at: int) -> Any:
+        if zyx[2] in missing:
+            raise BlockingIOError
+        return read(volume, level, zyx, *at)
+
+    monkeypatch.setattr(LocalVolume, "stored_brick_now", sometimes)
+    assert records(post(client, revision, EVERY), len(EVERY)) == expected
+
+
+@pytest.mark.usefixtures("one_by_one")
+def test_others_get_the_event_loop_between_the_groups_of_a_batch_in_memory(
+    client: Any, app: FastAPI, revision: str
+) -> None:
+    records(post(client, revision, EVERY), len(EVERY))
+
+    turns, sent_in_turn = 0, []
+
+    class Ready(Stream):
+        async def send(self, message: Any) -> None:
+            sent_in_turn.append(turns)
+
+    async def run() -> None:
+        nonlocal turns
+        task = Ready(app, revision, EVERY).start()
+        while not task.done():
+            await asyncio.sleep(0)
+            turns += 1
+
+    client._portal.call(run)
+    assert len(set(sent_in_turn)) >= len(EVERY)
 
 
 @pytest.mark.usefixtures("one_by_one")
 def test_a_client_that_takes_nothing_stops_the_reading_and_one_that_leaves_returns_the_volume(
-    client: Any, app: FastAPI, revision: str, reads: list[int]
+    client: Any, app: FastAPI, revision: str, bricks_in: str, reads: list[tuple[str, int]]
 ) -> None:
     catalog = app.state.services.catalog
+    reads.clear()
 
     async def run() -> None:
         stream = Stream(app, revision, EVERY)
@@ -214,7 +277,7 @@ def test_a_client_that_takes_nothing_stops_the_reading_and_one_that_leaves_retur
 
 @pytest.mark.usefixtures("one_by_one")
 def test_a_volume_that_is_replaced_meanwhile_ends_its_stream_with_records_that_say_so(
-    client: Any, app: FastAPI, revision: str, data_dir: Path,
+    client: Any, app: FastAPI, revision: str, data_dir: Path, bricks_in: str,
     replace_volume: Callable[[str], None],
 ) -> None:  # fmt: skip
     volume = open_volume(data_dir / "head.zarr")

@@ -1,8 +1,9 @@
-"""Many bricks in one body: read in the reader threads, a few at a time, as the client takes them.
+"""Many bricks in one body, a few at a time, as the client takes them.
 
-docs/spec/brick-stream.md has the format. Two small groups of bricks are in memory for a stream: the
-one that is being sent and the one that is read meanwhile; when the client does not take the first,
-nothing more is read.
+docs/spec/brick-stream.md has the format. What the system has in memory is read in the event loop,
+which spares a way to another thread and back for each group of bricks. From the first brick on that
+would have to wait for a disk, the reader threads read, one group while the one before it is sent.
+When the client does not take what it has, nothing more is read.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ GROUP_NBYTES: Final = 262_144
 """A group ends with the brick that reaches this: some large ones, or some hundred small ones, share
 the cost of going to another thread and back. A thousand clients that take nothing hold half a
 GB."""
+GROUP_NOW_NBYTES: Final = 393_216
+"""The same where no other group is read meanwhile."""
 GROUP_BRICKS: Final = 128
 
 Place = tuple[int, int, int, int, int, int]
@@ -69,12 +72,20 @@ class BrickStream:
         """The body, piece by piece; the first one has one brick, so that it comes at once."""
         yield pack_header(self.kind, len(self.places))
         count = len(self.places)
-        self._read(0, 1)
-        while self._reading is not None:
-            piece, stop = await asyncio.wrap_future(self._reading)
-            self._reading = None
-            if stop < count:
-                self._read(stop, min(count, stop + GROUP_BRICKS))
+        start, stop = 0, min(count, 1)
+        while start < count:
+            found = None if self._reading is not None else self._group_now(start, stop)
+            if found is not None:
+                piece, start = found
+                await asyncio.sleep(0)  # others want the event loop, too
+            else:
+                if self._reading is None:
+                    self._read(start, stop)
+                assert self._reading is not None
+                piece, start = await asyncio.wrap_future(self._reading)
+                self._reading = None
+                self._read(start, min(count, start + GROUP_BRICKS))
+            stop = min(count, start + GROUP_BRICKS)
             yield piece
         yield pack_end(count)
 
@@ -94,6 +105,22 @@ class BrickStream:
         if start < len(self.places):
             self._reading = self.readers.submit(self._group, start, stop)
 
+    def _group_now(self, start: int, stop: int) -> tuple[bytes, int] | None:
+        """What `_group` gives, of bricks in memory; None where it has to wait or to explain."""
+        parts: list[bytes] = []
+        nbytes, index = 0, start
+        while index < stop and nbytes < GROUP_NOW_NBYTES:
+            level, t, c, z, y, x = self.places[index]
+            try:
+                stored = self._bricks.stored_brick_now(level, (z, y, x), t, c)
+            except (BlockingIOError, OctobrickError):
+                break
+            status = Status.ABSENT if stored is None else Status.STORED
+            parts += pack_record(index, status, bytes(stored or b""))
+            nbytes += len(parts[-1])
+            index += 1
+        return (b"".join(parts), index) if parts and self.lent.is_current() else None
+
     def _group(self, start: int, stop: int) -> tuple[bytes, int]:
         """The records from an index on, and the index after the last of them; in a thread."""
         parts: list[bytes] = []
@@ -110,12 +137,15 @@ class BrickStream:
             parts = [part for i in range(start, index) for part in pack_record(i, *gone)]
         return b"".join(parts), index
 
+    @property
+    def _bricks(self) -> Any:
+        """What gives bricks of the kind."""
+        return self.lent.volume if self.kind is Kind.VOXELS else self.lent.volume.gradients
+
     def _brick(self, index: int) -> tuple[Status, bytes]:
         level, t, c, z, y, x = self.places[index]
-        volume = self.lent.volume
-        bricks: Any = volume if self.kind is Kind.VOXELS else volume.gradients
         try:
-            stored = bricks.stored_brick(level, (z, y, x), t, c)
+            stored = self._bricks.stored_brick(level, (z, y, x), t, c)
         except OctobrickError as error:
             if not self._told and self.lent.is_current():  # a damaged shard holds many of them
                 self._told = True
