@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from octobrick.codec.errors import InvalidInputError, NotFoundError, UnsupportedError
 from octobrick.renderer import TransferFunction
 from octobrick.renderer.classifier import Classifier, ValueScale, checked_window
+from octobrick.renderer.modes import MODES
 
 WHITE = ((0.0, (1.0, 1.0, 1.0)),)
 unit = st.floats(0, 1, allow_subnormal=False)
@@ -209,6 +210,42 @@ def test_what_culling_drops_is_transparent_in_the_shader(
     seen = (classifier.table[below, 3] > 0) | (classifier.table[above, 3] > 0)
     if seen.any():
         assert classifier.visible(np.array(low), np.array(high))
+
+
+@given(
+    functions(),
+    st.lists(st.tuples(st.floats(-9000, 90000), st.floats(0, 20000)), min_size=1, max_size=20),
+    st.sampled_from([(0.0, 1.0), (-1024.0, 1500.0), (100.0, 50000.0)]),
+    st.sampled_from(["dvr", "mip", "minip"]),
+)
+def test_a_range_is_visible_if_an_entry_that_it_touches_is(
+    function: TransferFunction,
+    ranges: list[tuple[float, float]],
+    window: tuple[float, float],
+    mode: str,
+) -> None:
+    scale = ValueScale.of(np.dtype(np.int16), (0, 0))
+    classifier = Classifier(function, scale, window, 0.5, MODES[mode])
+    low = np.array([start for start, _ in ranges])
+    high = low + [length for _, length in ranges]
+    found = classifier.visible(low, high)
+    n, margin = len(classifier.table), classifier.entry_margin
+    for i, (start, stop) in enumerate(zip(low, high, strict=True)):
+        first, last = (
+            (value - scale.lowest) / scale.width * classifier.entries_per_stored
+            + classifier.entry_of_stored_zero
+            for value in (start, stop)
+        )
+        slack = 1e-6 * (abs(first) + abs(last) + 1)  # of two ways to the same number
+        inner, outer = (
+            classifier.table[
+                0 if mode == "mip" else min(max(math.floor(first - margin - s), 0), n - 1) :
+                n if mode == "minip" else min(max(math.ceil(last + margin + s), 0), n - 1) + 1,
+                3,
+            ]
+            for s in (-slack, slack)
+        )  # fmt: skip
+        assert (inner > 0).any() <= found[i] <= (outer > 0).any()
 
 
 def test_range_beside_a_transparent_band_is_dropped() -> None:

@@ -1,4 +1,4 @@
-"""Which bricks of a level pass tests, found by descending from the coarsest cubes of 2^k³ bricks.
+"""Which bricks of a level pass tests, found by descending from coarse cubes of 2^k³ bricks.
 
 What drops a cube drops its bricks; what lies within all half-spaces needs no more tests against
 them, nor do its parts; and where besides something is seen of every brick of a cube, all pass: so
@@ -10,6 +10,7 @@ looked up in short tables instead of being computed for every cube.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -34,6 +35,7 @@ RangeTest = Callable[[NDArray[np.float64], NDArray[np.float64]], Mask]
 _PIECE: Final = 2048
 """Cubes that are tested at once: their arrays stay in a core's cache, and of more bricks than are
 wanted few are looked at."""
+_FIRST_MAX: Final = 512
 _OCTANTS: Final = np.array(list(np.ndindex(2, 2, 2)), np.intp).T[:, :, np.newaxis]
 
 
@@ -58,9 +60,9 @@ def descend(
         them failed: a reason, or "transparent".
     """
     tests = _Tests(geometry, brick_zyx, planes, ranges)
-    top = tests.spans.top
-    pending = [(top, np.zeros((3, 1), np.intp), np.ones(1, bool))]
-    passed: list[list[Places]] = [[] for _ in range(top + 1)]  # by k, cubes of which all bricks do
+    k, nodes = _first_cubes(tests.spans)
+    pending = [(k, nodes, np.ones(nodes.shape[1], bool))]
+    passed: list[list[Places]] = [[] for _ in range(k + 1)]  # by k, cubes of which all bricks do
     npassed = 0
     while pending:
         k, nodes, crossing = pending.pop()
@@ -81,6 +83,12 @@ def descend(
                 for i in range(0, nodes.shape[1], _PIECE)
             ]
     return _bricks_of(passed, tests.spans), tests.counts
+
+
+def _first_cubes(spans: _Spans) -> tuple[int, Places]:
+    """The k to begin with, and all of its cubes: a few hundred take no longer than one does."""
+    k = next(k for k, counts in enumerate(spans.counts) if math.prod(counts) <= _FIRST_MAX)
+    return k, np.indices(spans.counts[k]).reshape(3, -1)
 
 
 def _bricks_of(cubes: list[list[Places]], spans: _Spans) -> Places:

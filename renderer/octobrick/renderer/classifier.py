@@ -95,6 +95,7 @@ class Classifier:
         )
         """Entries by which a range is widened before it is looked up."""
         self.opaque_before = _count_before(self.table[:, 3] > 0)
+        self._opaque_from = _next_set(self.table[:, 3] > 0)
 
     @property
     def empty(self) -> bool:
@@ -142,14 +143,14 @@ class Classifier:
             )
             return np.asarray((low <= greatest) & (high >= least))
         from_least, to_greatest = self.widened
-        first = beyond = None
+        first: Any = 0
         if not from_least:
             first = _in_table(np.floor(self._entry(low) - self.entry_margin))
-        if not to_greatest:
-            beyond = _in_table(np.ceil(self._entry(high) + self.entry_margin)) + 1
-        before_first = self.opaque_before[0 if first is None else first]
-        through_last = self.opaque_before[TABLE_ENTRIES if beyond is None else beyond]
-        return np.asarray(through_last > before_first)
+        sought = self._opaque_from.take(first)
+        if to_greatest:
+            return np.asarray(sought < np.inf)
+        # The entry above the high end is at or beyond the one that is sought.
+        return np.asarray(self._entry(high) + self.entry_margin > sought)
 
     def _entry(self, value: NDArray[Any]) -> NDArray[np.float64]:
         """The position in the table of a value, not clipped."""
@@ -204,6 +205,18 @@ def _in_table(entries: NDArray[np.float64]) -> NDArray[np.intp]:
     """The nearest entries that there are; np.clip takes twice as long for short arrays."""
     nearest = np.minimum(np.maximum(entries, 0), TABLE_ENTRIES - 1)
     return nearest.astype(np.intp)
+
+
+def _next_set(flags: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """By position, that of the first flag that is set from there on, less one.
+
+    A number is greater if that flag, or one behind it, is at the number rounded up. -inf for the
+    first position, as that is where numbers below 0 are looked up; inf where no flag is set.
+    """
+    positions = np.where(flags, np.arange(len(flags), dtype=np.float64), np.inf)
+    found: NDArray[np.float64] = np.minimum.accumulate(positions[::-1])[::-1] - 1
+    found[found < 0] = -np.inf
+    return found
 
 
 def _count_before(flags: NDArray[np.bool_]) -> NDArray[np.uint32]:

@@ -19,7 +19,7 @@ from octobrick.renderer.brick_descent import RangeTest, descend
 from octobrick.renderer.brick_ranges import BrickRanges
 from octobrick.renderer.brick_source import BrickSource, SourceLevel
 from octobrick.renderer.camera import Camera
-from octobrick.renderer.view import Size, View, box_depths_world, make_view
+from octobrick.renderer.view import Size, View, nearest_pixel_world
 from octobrick.store.box import Box, Zyx, ceil_div
 
 Mask = NDArray[np.bool_]
@@ -140,9 +140,7 @@ def finest_useful_level(source: BrickSource, camera: Camera, size: Size) -> int:
     coarser one would show its voxels.
     """
     finest = source.levels[0]
-    view = make_view(camera, size, finest)
-    nearest, _ = box_depths_world(view, Box.of_shape(finest.shape_zyx), finest)
-    pixel = view.pixel_size_at(nearest)
+    pixel = nearest_pixel_world(camera, size, finest)
     voxel = min(finest.spacing_xyz)
     wanted = math.floor(math.log2(pixel / voxel)) if pixel > voxel else 0
     return min(wanted, len(source.levels) - 1)

@@ -101,11 +101,6 @@ class View:
         across = np.stack([offset @ self.right_world, -(offset @ self.up_world)], axis=-1)
         return middle + across / size[..., np.newaxis], in_front
 
-    def pixel_size_at(self, depth_world: float) -> float:
-        """World units across a pixel at a depth in front of the eye."""
-        base, slope = self.pixel_size
-        return base + slope * max(depth_world, 0.0)
-
     @property
     def eye_world_is_point(self) -> bool:
         """True where rays come from the eye (perspective), False where they are parallel."""
@@ -154,7 +149,6 @@ def make_view(camera: Camera, size: Size, level: SourceLevel) -> View:
         InvalidInputError: the camera is so far away, or its picture so wide, that positions in
             the volume have no meaning any more.
     """
-    width, height = size
     right, up, forward = camera.basis_world()
     eye = np.array(camera.eye_world_xyz)
     low_world, high_world = box_world(Box.of_shape(level.shape_zyx), level)
@@ -162,22 +156,17 @@ def make_view(camera: Camera, size: Size, level: SourceLevel) -> View:
     _require_near(camera, low_world, high_world)
     start_depth = max(0.0, float(((_corners(low_world, high_world) - eye) @ forward).min()))
 
-    shorter = min(width, height)
+    base, slope = pixel_size = _pixel_size(camera, size)
     if camera.fov_degrees is not None:
-        pixel = 2 * math.tan(math.radians(camera.fov_degrees) / 2) / shorter
-        toward = _pixel_grid(forward, pixel * right, -pixel * up, size)
+        toward = _pixel_grid(forward, slope * right, -slope * up, size)
         start_world = Affine(
             eye + start_depth * toward.at00,
             start_depth * toward.by_column,
             start_depth * toward.by_row,
         )
-        pixel_size = (0.0, pixel)
     else:
-        assert camera.height_world is not None
-        pixel = camera.height_world / shorter
         toward = Affine(forward, np.zeros(3), np.zeros(3))
-        start_world = _pixel_grid(eye + start_depth * forward, pixel * right, -pixel * up, size)
-        pixel_size = (pixel, 0.0)
+        start_world = _pixel_grid(eye + start_depth * forward, base * right, -base * up, size)
     return View(
         size=size,
         eye_world=eye,
@@ -194,6 +183,28 @@ def make_view(camera: Camera, size: Size, level: SourceLevel) -> View:
         up_world=up,
         start_depth_world=start_depth,
     )
+
+
+def nearest_pixel_world(camera: Camera, size: Size, level: SourceLevel) -> float:
+    """World units across a pixel where a level is nearest to the eye; less than a view costs.
+
+    Raises:
+        InvalidInputError: as `make_view`.
+    """
+    low_world, high_world = box_world(Box.of_shape(level.shape_zyx), level)
+    _require_near(camera, low_world, high_world)
+    _, _, forward = camera.basis_world()
+    depths = (_corners(low_world, high_world) - np.array(camera.eye_world_xyz)) @ forward
+    base, slope = _pixel_size(camera, size)
+    return base + slope * max(float(depths.min()), 0.0)
+
+
+def _pixel_size(camera: Camera, size: Size) -> tuple[float, float]:
+    """As `View.pixel_size`: either number is 0."""
+    if camera.fov_degrees is not None:
+        return 0.0, 2 * math.tan(math.radians(camera.fov_degrees) / 2) / min(size)
+    assert camera.height_world is not None
+    return camera.height_world / min(size), 0.0
 
 
 def _require_near(camera: Camera, low_world: Vector, high_world: Vector) -> None:
@@ -215,12 +226,6 @@ def box_world(box: Box, level: SourceLevel) -> tuple[Vector, Vector]:
     low = np.array(level.origin_xyz) - spacing / 2
     start, stop = np.array(box.start_zyx[::-1]), np.array(box.stop_zyx[::-1])
     return low + spacing * start, low + spacing * stop
-
-
-def box_depths_world(view: View, box: Box, level: SourceLevel) -> tuple[float, float]:
-    """Nearest and farthest depth of a box's corners in front of the eye."""
-    depths = view.depth_world(_corners(*box_world(box, level)))
-    return float(depths.min()), float(depths.max())
 
 
 def _pixel_grid(middle: Vector, by_column: Vector, by_row: Vector, size: Size) -> Affine:
