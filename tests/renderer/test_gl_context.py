@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 
 from octobrick.codec.errors import InvalidInputError
 from octobrick.renderer import Camera, Renderer, ShaderError, TransferFunction
+from octobrick.renderer import renderer as renderer_module
 from octobrick.renderer.context import GraphicsContext
 from octobrick.renderer.uniforms import set_uniforms
 
@@ -55,6 +57,31 @@ def test_a_closed_renderer_says_so_and_closes_again() -> None:
     renderer.close()
     with pytest.raises(InvalidInputError, match="closed"):
         renderer.render(source(), Camera.orbit(source()), FUNCTION, (8, 8))
+
+
+@pytest.mark.parametrize("part", ["HostFiller", "FramePasses"])
+def test_a_renderer_that_cannot_be_made_leaves_no_context_and_no_thread(
+    monkeypatch: pytest.MonkeyPatch, part: str
+) -> None:
+    released = []
+    release = GraphicsContext.release
+
+    def fail(*_: object, **__: object) -> None:
+        raise ShaderError("no such shader")
+
+    def counted(context: GraphicsContext) -> None:
+        release(context)
+        released.append(context)
+
+    monkeypatch.setattr(renderer_module, part, fail)
+    monkeypatch.setattr(GraphicsContext, "release", counted)
+    before = threading.active_count()
+    with pytest.raises(ShaderError, match="no such shader"):
+        Renderer(decode="cpu")
+    assert len(released) == 1
+    with pytest.raises(InvalidInputError, match="closed"), released[0].current():
+        pass
+    assert threading.active_count() == before
 
 
 def test_forgetting_frees_everything_and_the_next_picture_is_the_same(renderer: Renderer) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
@@ -16,7 +16,7 @@ from octobrick.codec.errors import InvalidInputError, OctobrickError
 from octobrick.renderer.brick_loader import BrickLoader, LoadStats
 from octobrick.renderer.brick_ranges import brick_errors
 from octobrick.renderer.brick_source import BrickSource
-from octobrick.renderer.budget import parse_nbytes
+from octobrick.renderer.budget import split_budget
 from octobrick.renderer.camera import Camera
 from octobrick.renderer.clip import Clip
 from octobrick.renderer.context import GraphicsContext
@@ -43,9 +43,6 @@ if TYPE_CHECKING:
     import moderngl
 
 DecodeOn = Literal["auto", "gpu", "cpu"]
-
-SLAB_SHARE = 4
-"""The slab buffers take one part in so many of the memory budget, compressed bricks the rest."""
 
 
 class Renderer:
@@ -74,37 +71,30 @@ class Renderer:
         threads: int = 4,
         cull: bool = True,
     ) -> None:
-        total = parse_nbytes(memory_budget, "memory_budget")
-        self._slab_nbytes = (
-            total // SLAB_SHARE if slab_budget is None else parse_nbytes(slab_budget, "slab_budget")
-        )
-        if self._slab_nbytes >= total:
-            raise InvalidInputError(
-                f"slab_budget {self._slab_nbytes} leaves nothing of memory_budget {total} for "
-                "compressed bricks; raise the one or lower the other"
-            )
+        brick_nbytes, slab_nbytes = split_budget(memory_budget, slab_budget)
         if decode not in get_args(DecodeOn):
             raise InvalidInputError(
                 f"decode {decode!r}: choose one of {list(get_args(DecodeOn))}", option="decode"
             )
         self._cull = cull
-        self._context = GraphicsContext()
-        self._limits = Limits(
-            total - self._slab_nbytes, self._slab_nbytes, self._context.volume_side_max
-        )
-        self._loader = BrickLoader(threads)
         self._last_camera: Camera | None = None
         self._meshes: MeshPictures | None = None
-        on_cpu = self._context.software if decode == "auto" else decode == "cpu"
-        self.decodes_on: DecodeOn = "cpu" if on_cpu else "gpu"
-        """Where bricks are held and decoded: "gpu" or "cpu"."""
-        with self._context.current() as gl:
-            self._filler: SlabFiller = (
-                HostFiller(self._context, gl, self._limits.brick_nbytes, self._loader)
-                if self.decodes_on == "cpu"
-                else GpuFiller(self._context, gl, self._limits.brick_nbytes, self._loader)
-            )
-            self._passes = FramePasses(self._context, gl, self._filler, self._limits, cull=cull)
+        with ExitStack() as undo:
+            self._context = GraphicsContext()
+            undo.callback(self._context.release)
+            self._limits = Limits(brick_nbytes, slab_nbytes, self._context.volume_side_max)
+            self._loader = BrickLoader(threads)
+            undo.callback(self._loader.close)
+            on_cpu = self._context.software if decode == "auto" else decode == "cpu"
+            self.decodes_on: DecodeOn = "cpu" if on_cpu else "gpu"
+            """Where bricks are held and decoded: "gpu" or "cpu"."""
+            make_filler = HostFiller if on_cpu else GpuFiller
+            with self._context.current() as gl:
+                self._filler: SlabFiller = make_filler(
+                    self._context, gl, brick_nbytes, self._loader
+                )
+                self._passes = FramePasses(self._context, gl, self._filler, self._limits, cull=cull)
+            undo.pop_all()
 
     def __enter__(self) -> Self:
         return self
