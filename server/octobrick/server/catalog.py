@@ -61,14 +61,16 @@ class OpenVolume:
     kept: dict[Hashable, Any] = field(default_factory=dict)
     heads: dict[Hashable, Any] = field(default_factory=dict)
     serial: object = field(default_factory=object)  # like no other's
+    _manifest: str = field(init=False)
 
     def __post_init__(self) -> None:
+        self._manifest = _manifest_of(self.path)
         self.ranges = lru_cache(_KEPT_SUMMARIES)(self.volume.ranges)
         self.fidelity = lru_cache(_KEPT_SUMMARIES)(self.volume.fidelity)
 
     def is_current(self) -> bool:
         """Whether the files on disk are still those that were opened."""
-        return self.stamp is not None and _stamp_of(self.path) == self.stamp
+        return self.stamp is not None and _stamp_of(self._manifest) == self.stamp
 
 
 @dataclass(slots=True)
@@ -249,7 +251,7 @@ class Catalog:
         return entry
 
     def _open_and_lend(self, entry: _Entry) -> OpenVolume:
-        stamp = _stamp_of(entry.path)
+        stamp = _stamp_of(_manifest_of(entry.path))
         with self._lock:
             lent = entry.open
             if lent is not None and lent.stamp == stamp:  # another thread was here first
@@ -308,9 +310,13 @@ def unknown_volume(volume_id: str) -> VolumeNotFoundError:
     )
 
 
-def _stamp_of(path: Path) -> Stamp | None:
+def _manifest_of(path: Path) -> str:
+    return str(path / "zarr.json")
+
+
+def _stamp_of(manifest: str) -> Stamp | None:
     try:
-        status = os.stat(f"{path}/zarr.json")  # noqa: PTH116  (a third of Path.stat's time)
+        status = os.stat(manifest)  # noqa: PTH116  (a third of Path.stat's time)
     except OSError:
         return None
     return (status.st_dev, status.st_ino, status.st_mtime_ns, status.st_size)

@@ -49,12 +49,33 @@ class BrickAddress:
 
 @dataclass(slots=True)
 class BrickReply:
-    """The answer as a value; its headers as ASGI has them, and the same as lines of text."""
+    """The answer as a value.
+
+    Attributes:
+        status: 200, 204 or 304.
+        known: headers, but for the length of a body.
+        known_lines: the same as lines of text.
+        body: empty where there is none.
+    """
 
     status: int
-    headers: RawHeaders
-    body: Content
-    lines: bytes
+    known: RawHeaders
+    known_lines: bytes
+    body: Content = b""
+
+    @property
+    def headers(self) -> RawHeaders:
+        """All headers as ASGI has them."""
+        if self.status != 200:
+            return self.known
+        return [*self.known, (b"content-length", b"%d" % len(self.body))]
+
+    @property
+    def lines(self) -> bytes:
+        """The same as lines of text."""
+        if self.status != 200:
+            return self.known_lines
+        return b"%bcontent-length: %d\r\n" % (self.known_lines, len(self.body))
 
 
 class BrickReplies:
@@ -186,21 +207,15 @@ def _reply(
         etag = _etag(address, zstd)
         if if_none_match and matches_etag(if_none_match, etag):
             headers = _cache_headers(etag)
-            return BrickReply(304, headers, b"", header_lines(headers))
+            return BrickReply(304, headers, header_lines(headers))
         head = _head(etag, zstd, source.headers().of_brick(address.brick_zyx))
         head.keep(lent, key)
     elif if_none_match and matches_etag(if_none_match, head.etag):
-        return BrickReply(304, head.cached, b"", head.cached_lines)
+        return BrickReply(304, head.cached, head.cached_lines)
     body = source.stored() if zstd else source.decoded()
     if body is None:
-        return BrickReply(204, head.absent, b"", head.absent_lines)
-    length = b"%d" % len(body)
-    return BrickReply(
-        200,
-        [*head.present, (b"content-length", length)],
-        body,
-        b"%bcontent-length: %b\r\n" % (head.present_lines, length),
-    )
+        return BrickReply(204, head.absent, head.absent_lines)
+    return BrickReply(200, head.present, head.present_lines, body)
 
 
 def _etag(address: BrickAddress, zstd: bool) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from starlette.types import Scope
 
 from octobrick.server.bricks.brick_headers import header_lines
@@ -9,6 +11,8 @@ from octobrick.server.operations.request_id import RequestIds
 from octobrick.server.operations.route_label import route_label
 from octobrick.server.security.security_headers import DEFAULT_POLICY, security_headers
 from octobrick.server.services import Services
+
+_route_label = lru_cache(4_096)(route_label)  # paths of bricks, some hundred bytes long
 
 
 class DirectAdmission:
@@ -42,5 +46,5 @@ class DirectAdmission:
 
     def note(self, scope: Scope, status: int, nbytes: int, seconds: float) -> None:
         """Count an answer."""
-        route = route_label(scope["path"])
+        route = _route_label(scope["path"])
         self._services.metrics.count_request(route, scope["method"], status, nbytes, seconds)
