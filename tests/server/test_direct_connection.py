@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from fastapi import FastAPI
@@ -15,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from octobrick.server import Settings, create_app
+from octobrick.server.bricks.direct_connection import DirectConnection
 from octobrick.server.bricks.direct_lane import DirectLane
 from octobrick.server.services import Services
 from octobrick.store import LocalVolume, open_volume
@@ -139,6 +141,21 @@ def test_half_a_request_is_not_taken_for_a_whole_one(
             for connection in (other, one):
                 assert ask(connection, request(second)) == head.brick_code(0, (0, 0, 1))
         assert lane.repeated > before
+
+
+def test_a_connection_is_idle_from_its_last_answer_on() -> None:
+    """No timer is set for an answer without parsing: the one before looks when that was."""
+    connection = DirectConnection.__new__(DirectConnection)
+    connection.loop, connection.transport = Mock(), Mock(is_closing=lambda: False)
+    connection.timeout_keep_alive = 5
+    connection._answered_at = 7.0
+    connection.loop.time.return_value = 10.0
+    connection.timeout_keep_alive_handler()
+    connection.loop.call_later.assert_called_once_with(2.0, connection.timeout_keep_alive_handler)
+    connection.transport.close.assert_not_called()
+    connection.loop.time.return_value = 12.0
+    connection.timeout_keep_alive_handler()
+    connection.transport.close.assert_called_once()
 
 
 @pytest.fixture(scope="module")
