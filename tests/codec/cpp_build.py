@@ -38,6 +38,19 @@ def build_library(name: str, *options: str) -> Path:
     return build
 
 
+def build_beside_python() -> Path:
+    """The build that the Python module came from, whose library is made up to date.
+
+    Where octobrick was installed without a build of its own here, one without Python.
+    """
+    tag = f"cp{sys.version_info.major}{sys.version_info.minor}"
+    for cache in sorted(ROOT.glob(f"build/{tag}-*/CMakeCache.txt")):
+        run(TOOLS / "cmake", "--build", cache.parent, "--target", "octobrick_codec",
+            seconds=BUILD_SECONDS)  # fmt: skip
+        return cache.parent
+    return build_library("cpp")
+
+
 def install_library(build: Path, prefix: Path) -> None:
     """What docs/cpp.md says to do."""
     run(TOOLS / "cmake", "--install", build, "--component", "cpp", "--prefix", prefix)

@@ -1,4 +1,4 @@
-"""The C++ library, installed and used as docs/cpp.md says, without Python."""
+"""The C++ library, installed and used as docs/cpp.md says."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from .cpp_build import CONFIGURE, ROOT, build_library, build_programs, install_library, run
+from .cpp_build import CONFIGURE, ROOT, build_beside_python, build_programs, install_library, run
 
 PAGE = (ROOT / "docs/cpp.md").read_text()
 
@@ -18,7 +18,7 @@ PAGE = (ROOT / "docs/cpp.md").read_text()
 @pytest.fixture(scope="module")
 def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("prefix")
-    install_library(build_library("cpp"), folder)
+    install_library(build_beside_python(), folder)
     return folder
 
 
